@@ -132,7 +132,7 @@ pub struct Robot<M: RawMutex> {
     /// Control → store: the behaviour that a restart is about to interrupt.
     behaviour_to_keep: Signal<M, Goal>,
     /// Store → control: the behaviour that the restart before this boot interrupted.
-    behaviour_before_restart: Mutex<M, Cell<Option<Goal>>>,
+    behaviour_before_restart: Signal<M, Goal>,
     /// Intake → camera.
     captures: Captures<M>,
     /// Intake → sense, and sense ↔ link: the map for whoever asked for it.
@@ -200,7 +200,7 @@ impl<M: RawMutex> Robot<M> {
             halt: Halts::new(),
             set_requests: Channel::new(),
             behaviour_to_keep: Signal::new(),
-            behaviour_before_restart: Mutex::new(Cell::new(None)),
+            behaviour_before_restart: Signal::new(),
             captures: Captures::new(),
             map_reports: MapReports::new(),
             sights: Sights::new(),

@@ -188,7 +188,9 @@ impl ControlLoop {
         let (mut taken, mut order) = (None, None);
         if woken_by.is_none() {
             // In this order: an order that is there after the halt was taken came after it.
-            taken = robot.take_halt();
+            if robot.halt_waits() {
+                taken = robot.take_halt();
+            }
             if robot.order_waits() {
                 order = robot.take_order();
             }

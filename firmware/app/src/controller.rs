@@ -300,7 +300,8 @@ impl Controller {
 
     /// The duties in force.
     pub fn duties(&self) -> [f32; 2] {
-        self.ramps.map(|ramp| ramp.duty())
+        let [left, right] = &self.ramps;
+        [left.duty(), right.duty()]
     }
 
     /// Takes one step at `now`.

@@ -306,7 +306,9 @@ impl<'a, M: RawMutex> ControlHandle<'a, M> {
 
     /// Takes the behaviour that the restart before this boot interrupted.
     pub(crate) fn take_goal_before_restart(self) -> Option<Goal> {
-        self.0.behaviour_before_restart.lock(Value::take)
+        let goal = &self.0.behaviour_before_restart;
+        // Nearly always there is none, and one is large.
+        goal.signaled().then(|| goal.try_take()).flatten()
     }
 
     /// Has the behaviour kept that a restart is about to interrupt.
@@ -398,7 +400,9 @@ impl<'a, M: RawMutex> StoreHandle<'a, M> {
 
     /// Hands control the behaviour that the restart before this boot interrupted.
     pub(crate) fn set_goal_before_restart(self, goal: Option<Goal>) {
-        self.0.behaviour_before_restart.lock(|cell| cell.set(goal));
+        if let Some(goal) = goal {
+            self.0.behaviour_before_restart.signal(goal);
+        }
     }
 }
 

@@ -39,38 +39,30 @@ struct Weakness {
     acting: f32,
 }
 
-#[derive(Debug, Clone, Copy)]
+/// A cell each: every control step asks for one of them, and would copy all.
+#[derive(Debug)]
 struct State {
-    ranger: Option<Timed<RangerFault>>,
-    motors: [Option<Timed<Weakness>>; 2],
-    link: Option<Timed<LinkCut>>,
-    restart: Option<Instant>,
+    ranger: Cell<Option<Timed<RangerFault>>>,
+    motors: [Cell<Option<Timed<Weakness>>>; 2],
+    link: Cell<Option<Timed<LinkCut>>>,
+    restart: Cell<Option<Instant>>,
 }
 
 /// What is broken about this robot on purpose.
 pub(crate) struct Injected<M: RawMutex> {
-    state: Mutex<M, Cell<State>>,
+    state: Mutex<M, State>,
 }
 
 impl<M: RawMutex> Injected<M> {
     pub(crate) const fn new() -> Self {
         Self {
-            state: Mutex::new(Cell::new(State {
-                ranger: None,
-                motors: [None; 2],
-                link: None,
-                restart: None,
-            })),
+            state: Mutex::new(State {
+                ranger: Cell::new(None),
+                motors: [const { Cell::new(None) }; 2],
+                link: Cell::new(None),
+                restart: Cell::new(None),
+            }),
         }
-    }
-
-    fn change<R>(&self, change: impl FnOnce(&mut State) -> R) -> R {
-        self.state.lock(|cell| {
-            let mut state = cell.get();
-            let result = change(&mut state);
-            cell.set(state);
-            result
-        })
     }
 
     /// What the ranger says, as broken as it is.
@@ -79,7 +71,7 @@ impl<M: RawMutex> Injected<M> {
         measured: Result<Millimeters, RangeError>,
         now: Instant,
     ) -> Result<Millimeters, RangeError> {
-        let fault = self.state.lock(Cell::get).ranger;
+        let fault = self.state.lock(|state| state.ranger.get());
         match fault.and_then(|fault| fault.at(now)) {
             None => measured,
             Some(RangerFault::Dead) => Err(RangeError::Link(LinkError::Timeout)),
@@ -92,19 +84,18 @@ impl<M: RawMutex> Injected<M> {
     /// What is left of the duties. A motor gets stronger only when it is told to stand, so that no
     /// duty grows faster than the ramp lets it.
     pub(crate) fn weaken(&self, duties: [f32; 2], now: Instant) -> [f32; 2] {
-        self.change(|state| {
+        self.state.lock(|state| {
             let mut left = duties;
-            for (duty, motor) in left.iter_mut().zip(&mut state.motors) {
-                let Some(fault) = motor else {
+            for (duty, motor) in left.iter_mut().zip(&state.motors) {
+                let Some(mut fault) = motor.get() else {
                     continue;
                 };
                 let stands = *duty == 0.0;
                 let Weakness { wanted, acting } = &mut fault.what;
                 *acting = if stands { *wanted } else { acting.min(*wanted) };
                 *duty *= *acting;
-                if stands && now >= fault.until {
-                    *motor = None;
-                }
+                let is_over = stands && now >= fault.until;
+                motor.set((!is_over).then_some(fault));
             }
             left
         })
@@ -112,22 +103,25 @@ impl<M: RawMutex> Injected<M> {
 
     /// Whether to restart for a supply that dips.
     pub(crate) fn restart_is_due(&self, now: Instant) -> bool {
-        let restart = self.state.lock(Cell::get).restart;
+        let restart = self.state.lock(|state| state.restart.get());
         restart.is_some_and(|at| now >= at)
     }
 
     /// How the link is lost at the moment.
     pub(crate) fn link(&self, now: Instant) -> Option<LinkCut> {
-        self.state.lock(Cell::get).link?.at(now)
+        self.state.lock(|state| state.link.get())?.at(now)
     }
 
     /// Ends every fault.
     pub(crate) fn heal(&self, now: Instant) {
-        self.change(|state| {
-            state.ranger = None;
-            state.link = None;
-            for motor in state.motors.iter_mut().flatten() {
-                motor.until = motor.until.min(now);
+        self.state.lock(|state| {
+            state.ranger.set(None);
+            state.link.set(None);
+            for motor in &state.motors {
+                motor.set(motor.get().map(|fault| Timed {
+                    until: fault.until.min(now),
+                    ..fault
+                }));
             }
         });
     }
@@ -146,28 +140,28 @@ impl<M: RawMutex> Injected<M> {
             now + Duration::from_millis(ms.into())
         });
         let side = |wheel| usize::from(wheel == Wheel::Right);
-        self.change(|state| {
+        self.state.lock(|state| {
             match fault {
                 FaultSpec::RangerDead => {
                     let what = RangerFault::Dead;
-                    state.ranger = Some(Timed { what, until });
+                    state.ranger.set(Some(Timed { what, until }));
                 }
                 FaultSpec::RangerStuck { mm } => {
                     let what = RangerFault::Stuck(Millimeters(mm));
-                    state.ranger = Some(Timed { what, until });
+                    state.ranger.set(Some(Timed { what, until }));
                 }
                 FaultSpec::MotorWeak { wheel, strength } => {
-                    weaken(&mut state.motors[side(wheel)], strength, until);
+                    weaken(&state.motors[side(wheel)], strength, until);
                 }
                 FaultSpec::MotorDead { wheel } => {
-                    weaken(&mut state.motors[side(wheel)], 0.0, until);
+                    weaken(&state.motors[side(wheel)], 0.0, until);
                 }
                 // Without an end nobody could heal it: the word would not arrive.
                 FaultSpec::LinkLoss { how } if lasting.is_some() => {
-                    state.link = Some(Timed { what: how, until });
+                    state.link.set(Some(Timed { what: how, until }));
                 }
                 FaultSpec::LinkLoss { .. } => return Err(Reason::MissingField),
-                FaultSpec::BrownOut => state.restart = Some(now + RESTART_AFTER),
+                FaultSpec::BrownOut => state.restart.set(Some(now + RESTART_AFTER)),
                 FaultSpec::ClockStep { .. }
                 | FaultSpec::RangerNoisy { .. }
                 | FaultSpec::LineNoise { .. }
@@ -187,11 +181,11 @@ impl<M: RawMutex> Injected<M> {
     }
 }
 
-fn weaken(motor: &mut Option<Timed<Weakness>>, strength: f32, until: Instant) {
-    let acting = motor.map_or(1.0, |before| before.what.acting);
+fn weaken(motor: &Cell<Option<Timed<Weakness>>>, strength: f32, until: Instant) {
+    let acting = motor.get().map_or(1.0, |before| before.what.acting);
     let what = Weakness {
         wanted: strength,
         acting,
     };
-    *motor = Some(Timed { what, until });
+    motor.set(Some(Timed { what, until }));
 }
