@@ -16,7 +16,7 @@ const EACH: usize = 8;
 /// Milliseconds between two messages: more than twice as many as there are.
 const TOLD_EVERY_MS: u64 = 100;
 /// Messages within a measurement.
-const MESSAGES: u32 = 40;
+const MESSAGES: u32 = 160;
 const LEADER: &str = "r0";
 
 /// Tells the dearest control step of each behaviour; `order` gives an order.
