@@ -30,10 +30,18 @@ impl Ramp {
         } else {
             target.clamp(-1.0, 1.0)
         };
-        let reversing = self.duty * target < 0.0;
+        let reversing = are_opposite(self.duty, target);
         let goal = if reversing { 0.0 } else { target };
-        let next = self.duty + (goal - self.duty).clamp(-step, step);
-        self.set(next, now)
+        let change = goal - self.duty;
+        // Not `clamp`: it would prove each time that `step` is none below zero.
+        let change = if change > step {
+            step
+        } else if change < -step {
+            -step
+        } else {
+            change
+        };
+        self.set(self.duty + change, now)
     }
 
     /// Zero, at once.
@@ -42,8 +50,9 @@ impl Ramp {
     }
 
     fn set(&mut self, next: f32, now: Instant) -> f32 {
-        let held =
-            self.duty == 0.0 && next * self.before < 0.0 && now - self.standing_since < DEAD_TIME;
+        let held = self.duty == 0.0
+            && are_opposite(next, self.before)
+            && now - self.standing_since < DEAD_TIME;
         let next = if held { 0.0 } else { next };
         if next == 0.0 && self.duty != 0.0 {
             self.before = self.duty;
@@ -52,4 +61,10 @@ impl Ramp {
         self.duty = next;
         next
     }
+}
+
+/// Whether one is above zero and the other below. By the bits: boards multiply floats in 50 instructions.
+fn are_opposite(one: f32, other: f32) -> bool {
+    let [one, other] = [one.to_bits(), other.to_bits()];
+    (one ^ other) >> 31 == 1 && one << 1 != 0 && other << 1 != 0
 }
