@@ -26,6 +26,9 @@ const SANE_JUMPS: u32 = 3;
 /// Two measurements this near each other show the same thing: two robots that meet at half a metre per second
 /// each are so much nearer at the next one.
 const AGREE_MM: u16 = 100;
+/// For so long what was seen last counts where nothing is agreed on: longer than one measurement takes, so that a
+/// single one is never believed, and half of what makes a view stale.
+const AGREED_WITHIN: Duration = Duration::from_millis(130);
 /// Good measurements in a row that make a sensor believed at first, or again.
 const PROVING: u8 = 3;
 
@@ -39,8 +42,9 @@ const TOUCHING: Millimeters = Millimeters(0);
 /// A ranger that hears the burst of another robot measures nonsense, mostly too near. As robots measure at
 /// [uneven times](super::Jitter), it is other nonsense each time, and no two measurements agree on it (Borenstein
 /// and Koren 1995, "Error eliminating rapid ultrasonic firing for mobile robot obstacle avoidance"). Where nothing
-/// is agreed on, what was seen last stays, and grows old. A robot that turns looks at another thing each time: of
-/// what it sees meanwhile the median counts.
+/// is agreed on, what was seen last stays; at the second time in a row the median counts, for else a robot would be
+/// blind that faces another one, or turns slowly along a slanted wall. So it does, each time, while a robot turns:
+/// it looks at another thing each time.
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct RangeFilter {
@@ -169,6 +173,7 @@ impl RangeFilter {
 
         let median = self.median.push(raw);
         self.reading.health = self.judge();
+        let is_old = |(_, at): (Sight, Instant)| now - at > AGREED_WITHIN;
         let seen = if looks_elsewhere {
             median
         } else if is_repeated {
@@ -177,6 +182,8 @@ impl RangeFilter {
             && do_agree(last, before)
         {
             last
+        } else if self.reading.sight.is_some_and(is_old) {
+            median
         } else {
             return;
         };
