@@ -143,12 +143,7 @@ impl Accounts {
             None => None,
         };
         let _changing = self.changing.lock().await;
-        let user = self
-            .records
-            .users()
-            .get(name)
-            .await?
-            .ok_or(PeopleError::Unknown)?;
+        let user = self.known(name).await?;
         let mut ends = false;
         if let Some(role) = change.role.filter(|role| *role != user.role) {
             self.records.users().set_role(name, role).await?;
@@ -168,13 +163,13 @@ impl Accounts {
         if ends {
             self.end_sessions(name, None).await?;
         }
-        let user = self
-            .records
-            .users()
-            .get(name)
-            .await?
-            .ok_or(PeopleError::Unknown)?;
+        let user = self.known(name).await?;
         Ok(UserView::new(&user))
+    }
+
+    async fn known(&self, name: &UserName) -> Result<User, PeopleError> {
+        let user = self.records.users().get(name).await?;
+        user.ok_or(PeopleError::Unknown)
     }
 
     async fn hash(&self, name: &UserName, password: String) -> Result<String, PeopleError> {

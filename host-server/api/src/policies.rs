@@ -339,10 +339,9 @@ pub(super) async fn shadow(
         .ok()
         .filter(|_| known.names().contains(&name));
     let policy = policy.ok_or_else(unknown)?;
-    let owners = known.robots.get(&name).map_or(&[][..], Vec::as_slice);
-    let has = |robot: &str| {
-        asked.end || name == BUILT_IN || owners.iter().any(|owner| owner.robot == robot)
-    };
+    let owners = known.robots.get(&name).into_iter().flatten();
+    let owners: BTreeSet<&str> = owners.map(|owner| owner.robot.as_str()).collect();
+    let has = |robot: &str| asked.end || name == BUILT_IN || owners.contains(robot);
     let robots = comparing(&asked.robots, &fleet, has)
         .map_err(|errors| Problem::invalid(Code::InvalidShadow, errors))?;
     let action = Action::Shadow {

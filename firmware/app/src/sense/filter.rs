@@ -27,7 +27,7 @@ const SANE_JUMPS: u32 = 3;
 /// each are so much nearer at the next one.
 const AGREE_MM: u16 = 100;
 /// For so long what was seen last counts where nothing is agreed on: longer than one measurement takes, so that a
-/// single one is never believed, and half of what makes a view stale.
+/// single one is never believed, and less than half of what makes a view stale.
 const AGREED_WITHIN: Duration = Duration::from_millis(130);
 /// Good measurements in a row that make a sensor believed at first, or again.
 const PROVING: u8 = 3;
