@@ -20,8 +20,10 @@ use tokio_rustls::rustls::client::{VerifierBuilderError, WebPkiServerVerifier};
 use tokio_rustls::rustls::pki_types::{InvalidDnsNameError, ServerName, UnixTime};
 use tokio_rustls::rustls::sign::CertifiedKey;
 
+use crate::error::TlsError;
+use crate::files;
+use crate::provider::provider;
 use crate::validity::Validity;
-use crate::{TlsError, files, provider};
 
 const DAY: i64 = 24 * 60 * 60;
 /// How long the certificate is valid.

@@ -14,7 +14,9 @@ use tokio_rustls::client::TlsStream;
 use tokio_rustls::rustls::pki_types::ServerName;
 use tokio_rustls::rustls::{CertificateError, ClientConfig, Error, RootCertStore};
 
-use crate::{TlsError, files, provider};
+use crate::error::TlsError;
+use crate::files;
+use crate::provider::provider;
 
 /// For connecting and the handshake.
 const TIME_OUT: Duration = Duration::from_secs(10);

@@ -10,8 +10,9 @@ use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use tokio_rustls::rustls::sign::CertifiedKey;
 use tokio_rustls::rustls::{Error, InconsistentKeys, RootCertStore};
 
+use crate::error::TlsError;
+use crate::provider::provider;
 use crate::validity::{Validity, day_of};
-use crate::{TlsError, provider};
 
 /// Far above every chain, also above the list of all public authorities.
 const LONGEST: u64 = 4 * 1024 * 1024;
@@ -28,6 +29,18 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>, TlsError> {
             cause,
         }),
     }
+}
+
+/// The first certificate in a file, in DER.
+///
+/// # Errors
+/// [`TlsError`] says what is wrong with the file.
+pub fn first_certificate(path: &Path) -> Result<Vec<u8>, TlsError> {
+    let certificates = certificates(path)?;
+    Ok(certificates
+        .first()
+        .map(|der| der.to_vec())
+        .unwrap_or_default())
 }
 
 /// The certificates in a file, at least one.

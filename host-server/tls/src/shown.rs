@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
-use crate::{CertificateOptions, Certificates, TlsError, files};
+use crate::certificates::{CertificateOptions, Certificates};
+use crate::error::TlsError;
+use crate::files;
 
 /// A certificate of this server.
 #[derive(Debug, Clone, PartialEq, Eq)]

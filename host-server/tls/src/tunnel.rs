@@ -18,7 +18,7 @@ use tokio_util::task::TaskTracker;
 
 use crate::carry::carry;
 use crate::client::{ConnectError, TlsClient};
-use crate::unix_now;
+use crate::time::unix_now;
 use crawler_system::address::BrokerUrl;
 
 /// Connections at a time: those of the largest simulated fleet, twice.
