@@ -1,6 +1,7 @@
 //! Dependencies point one way, between crates and within them, and the robot program needs nothing
 //! that a microcontroller lacks.
 
+mod circles;
 mod modules;
 
 use std::collections::{BTreeMap, BTreeSet};
