@@ -243,9 +243,9 @@ pub(super) async fn curve(
 
 /// A file that came of a training
 ///
-/// `policy.tcpo` is the policy for robots, `policy` the same in floats, `curve.csv` has a line for each round, and
-/// `run.json` options, results and hashes: the files of `terracrawler train`. Before the end there is `so-far.tcpo`,
-/// what was learned by the last checkpoint.
+/// `policy.tcpo` is the policy for robots, `policy` the same in floats, `curve.csv` has a line for each round,
+/// `events.out.tfevents.terracrawler` the same for `TensorBoard`, and `run.json` options, results and hashes: the files of
+/// `terracrawler train`. Before the end there is `so-far.tcpo`, what was learned by the last checkpoint.
 #[utoipa::path(get, path = "/experiments/{id}/files/{name}", tag = "experiments",
     params(("id" = String, Path, description = "Id of the training"),
         ("name" = String, Path, description = "Name of the file")),

@@ -7,7 +7,7 @@
 //!
 //! Reading order: `agent`, one robot; `outside`, what comes to robots from outside; `spread`, the environment with its task; `teammates`,
 //! the same for one learner; `export`, from what was learned to a blob for robots; `run`, a training run with its files;
-//! `train`, the same from a command line; `gym`, the environment for those who learn elsewhere.
+//! `tensorboard`, one of these; `train`, the same from a command line; `gym`, the environment for those who learn elsewhere.
 #![forbid(unsafe_code)]
 
 mod agent;
@@ -17,9 +17,10 @@ mod outside;
 mod run;
 mod spread;
 mod teammates;
+mod tensorboard;
 pub mod train;
 
 pub use export::{Header, Unfit, export};
-pub use run::{JUDGED, Judged, Line, Options, Run, RunError, Summary};
+pub use run::{EVENTS, JUDGED, Judged, Line, Options, Run, RunError, Summary};
 pub use spread::{Driven, Spread};
 pub use teammates::Teammates;

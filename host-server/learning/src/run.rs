@@ -4,13 +4,14 @@
 //! |---|---|
 //! | `checkpoint` | all that the run needs to go on, of the last round that is a multiple of [`KEPT_EVERY`], or the last one |
 //! | `curve.csv` | a line for each round |
+//! | `events.out.tfevents.terracrawler` | the same for `TensorBoard`, as soon as a round is over |
 //! | `policy.tcpo` | the policy for robots, once the run is over |
 //! | `policy` | the same in floats |
 //! | `run.json` | options, results and hashes |
 //!
 //! Whoever has a run stand between two rounds [keeps](Run::keep) it, so that nothing is done twice.
 //!
-//! Nothing in them tells the time of day or how fast the machine is: who runs the same options again, in one go or
+//! But for the events, nothing in them tells the time of day or how fast the machine is: who runs the same options again, in one go or
 //! killed and begun again ten times, on one thread or many, has the same bytes.
 
 use std::error::Error;
@@ -21,6 +22,7 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use crawler_app::policy::{Mode, Policy as Blob, choose};
 use crawler_policy::ppo::{Config, Critic, Ppo, Report};
@@ -35,6 +37,8 @@ use serde_json::json;
 
 use crate::export::{Header, Unfit, export, training};
 use crate::spread::Spread;
+use crate::tensorboard::Events;
+pub use crate::tensorboard::NAME as EVENTS;
 
 /// Rounds from one checkpoint to the next.
 pub(crate) const KEPT_EVERY: u64 = 10;
@@ -302,6 +306,8 @@ pub struct Run {
     vetoes: Arc<AtomicU64>,
     /// The curve so far.
     curve: String,
+    /// The same for `TensorBoard`.
+    events: Events,
 }
 
 impl Run {
@@ -336,7 +342,14 @@ impl Run {
         let world = |_| Spread::counting(Arc::clone(&scenario), Arc::clone(&vetoes));
         let worlds = (0..options.worlds).map(world);
         let ppo = Ppo::new(config, compute, worlds.collect())?;
-        let mut run = Self {
+        fs::create_dir_all(folder).map_err(|error| RunError::File(folder.to_owned(), error))?;
+        let (ppo, curve) = recall(ppo, folder)?;
+        // Decisions that were taken again are counted already.
+        vetoes.store(0, Ordering::Relaxed);
+        let lines: Vec<Line> = curve.lines().filter_map(Line::read).collect();
+        let events = Events::open(folder, &lines, now_s())
+            .map_err(|error| RunError::File(folder.join(EVENTS), error))?;
+        Ok(Self {
             options: options.clone(),
             folder: folder.to_owned(),
             scenario,
@@ -344,42 +357,9 @@ impl Run {
             ppo,
             rounds,
             vetoes,
-            curve: COLUMNS.to_owned(),
-        };
-        fs::create_dir_all(folder).map_err(|error| RunError::File(folder.to_owned(), error))?;
-        let path = run.path("checkpoint");
-        match fs::read(&path) {
-            Ok(bytes) => {
-                let resumed = run.ppo.resume(&bytes);
-                resumed.map_err(|error| RunError::Checkpoint(path, error))?;
-                run.recall()?;
-                // Decisions that were taken again are counted already.
-                run.vetoes.store(0, Ordering::Relaxed);
-            }
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-            Err(error) => return Err(RunError::File(path, error)),
-        }
-        Ok(run)
-    }
-
-    /// Reads the curve up to the checkpoint.
-    fn recall(&mut self) -> Result<(), RunError> {
-        let path = self.path("curve.csv");
-        let text = fs::read_to_string(&path).map_err(|error| RunError::File(path, error))?;
-        let mut lines = text.split_inclusive('\n');
-        let rounds = self.ppo.rounds();
-        let is_head = lines.next() == Some(COLUMNS);
-        let kept: Vec<&str> = lines.take(rounds as usize).collect();
-        let numbers = kept.iter().map(|line| Some(Line::read(line)?.round));
-        if !is_head || !numbers.eq((1..=rounds).map(Some)) {
-            let odd = io::Error::new(
-                io::ErrorKind::InvalidData,
-                "is damaged, or of another version",
-            );
-            return Err(RunError::File(self.path("curve.csv"), odd));
-        }
-        self.curve.extend(kept);
-        Ok(())
+            curve,
+            events,
+        })
     }
 
     /// The curve so far, as in its file.
@@ -405,11 +385,18 @@ impl Run {
         if self.ppo.rounds() >= self.rounds {
             return Ok(None);
         }
+        let began = Instant::now();
         let report = self.ppo.round()?;
+        let took_s = began.elapsed().as_secs_f64();
         let decisions = report.agent_steps / report.round.max(1);
         let vetoes = self.vetoes.swap(0, Ordering::Relaxed);
         let line = Line::of(&report, vetoes as f32 / decisions as f32);
-        self.curve += &line.csv();
+        let text = line.csv();
+        self.curve += &text;
+        // What the curve has, and not what it was rounded from: who goes on may have nothing else.
+        let told = Line::read(&text).unwrap_or(line);
+        let added = self.events.add(&told, decisions, took_s, now_s());
+        added.map_err(|error| RunError::File(self.path(EVENTS), error))?;
         if line.is_kept() || line.round == self.rounds {
             self.keep()?;
         }
@@ -421,7 +408,9 @@ impl Run {
     /// # Errors
     /// [`RunError::File`]: what was kept before stays.
     pub fn keep(&self) -> Result<(), RunError> {
-        // The curve first: it may have more than the checkpoint, and never less.
+        let synced = self.events.sync();
+        synced.map_err(|error| RunError::File(self.path(EVENTS), error))?;
+        // These first: they may have more than the checkpoint, and never less.
         self.write("curve.csv", self.curve.as_bytes())?;
         self.write("checkpoint", &self.ppo.checkpoint())
     }
@@ -539,6 +528,46 @@ impl Run {
         };
         write().map_err(|error| RunError::File(path.clone(), error))
     }
+}
+
+/// Goes on from the checkpoint in `folder`, where there is one; with the curve up to it.
+fn recall(mut ppo: Ppo<Spread>, folder: &Path) -> Result<(Ppo<Spread>, String), RunError> {
+    let path = folder.join("checkpoint");
+    match fs::read(&path) {
+        Ok(bytes) => {
+            let resumed = ppo.resume(&bytes);
+            resumed.map_err(|error| RunError::Checkpoint(path, error))?;
+            let curve = recall_curve(&folder.join("curve.csv"), ppo.rounds())?;
+            Ok((ppo, curve))
+        }
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok((ppo, COLUMNS.to_owned())),
+        Err(error) => Err(RunError::File(path, error)),
+    }
+}
+
+/// The curve in a file up to the last of `rounds`.
+fn recall_curve(path: &Path, rounds: u64) -> Result<String, RunError> {
+    let text = fs::read_to_string(path).map_err(|error| RunError::File(path.to_owned(), error))?;
+    let mut lines = text.split_inclusive('\n');
+    let is_head = lines.next() == Some(COLUMNS);
+    let kept: Vec<&str> = lines.take(rounds as usize).collect();
+    let numbers = kept.iter().map(|line| Some(Line::read(line)?.round));
+    if !is_head || !numbers.eq((1..=rounds).map(Some)) {
+        let odd = io::Error::new(
+            io::ErrorKind::InvalidData,
+            "is damaged, or of another version",
+        );
+        return Err(RunError::File(path.to_owned(), odd));
+    }
+    let mut curve = COLUMNS.to_owned();
+    curve.extend(kept);
+    Ok(curve)
+}
+
+/// Seconds since 1970; 0 for a clock that is before.
+fn now_s() -> f64 {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH);
+    now.map_or(0.0, |now| now.as_secs_f64())
 }
 
 /// Plays an episode of the evaluation by a blob.

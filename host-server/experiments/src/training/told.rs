@@ -4,7 +4,7 @@ use std::fs;
 use std::io::{self, Read as _};
 use std::path::Path;
 
-use crawler_learning::{JUDGED, Judged, Line, Summary};
+use crawler_learning::{EVENTS, JUDGED, Judged, Line, Summary};
 use crawler_records::{Experiment, ExperimentKind, ExperimentState};
 use crawler_sim::evaluate::of_share;
 use serde::{Deserialize, Serialize};
@@ -14,11 +14,12 @@ use utoipa::ToSchema;
 use crate::Experiments;
 
 /// Files that are given away, with their media types.
-const FILES: [(&str, &str); 5] = [
+const FILES: [(&str, &str); 6] = [
     ("policy.tcpo", "application/octet-stream"),
     (SO_FAR, "application/octet-stream"),
     ("policy", "application/octet-stream"),
     (CURVE, "text/csv; charset=utf-8"),
+    (EVENTS, "application/octet-stream"),
     ("run.json", "application/json"),
 ];
 /// What was learned by the last round that is kept, as robots have it.
@@ -234,7 +235,7 @@ impl Experiments {
         let over = training.state == ExperimentState::Completed;
         let is_own = training.kind == ExperimentKind::Training && self.is_own(&training.owner);
         let names = FILES.into_iter().filter(|(name, _)| match *name {
-            CURVE => true,
+            CURVE | EVENTS => true,
             SO_FAR => !over,
             _ => over,
         });

@@ -3,6 +3,7 @@
 use std::fs;
 
 use super::*;
+use crate::tensorboard::tests::{shown, wanted};
 
 fn options() -> Options {
     Options {
@@ -65,7 +66,14 @@ fn a_run_that_is_killed_comes_to_the_same_bytes_on_any_threads() {
     run.finish().unwrap();
     assert_eq!(files(&whole), files(&parts));
 
+    // For TensorBoard no round is there twice either.
     let curve = fs::read_to_string(whole.join("curve.csv")).unwrap();
+    let lines: Vec<Line> = curve.lines().filter_map(Line::read).collect();
+    for folder in [&whole, &parts] {
+        let events = fs::read(folder.join(EVENTS)).unwrap();
+        assert_eq!(shown(&events), wanted(&lines));
+    }
+
     assert_eq!(curve.lines().count(), 13);
     assert!(curve.lines().all(|line| line.split(',').count() == 12));
     let lines: Vec<Line> = curve.lines().skip(1).filter_map(Line::read).collect();
