@@ -7,10 +7,12 @@
 //!
 //! Reading order: `agent`, one robot; `outside`, what comes to robots from outside; `spread`, the environment with its task; `teammates`,
 //! the same for one learner; `export`, from what was learned to a blob for robots; `run`, a training run with its files;
-//! `tensorboard`, one of these; `train`, the same from a command line; `gym`, the environment for those who learn elsewhere.
+//! `curve` and
+//! `tensorboard`, two of these; `train`, the same from a command line; `gym`, the environment for those who learn elsewhere.
 #![forbid(unsafe_code)]
 
 mod agent;
+mod curve;
 mod export;
 pub mod gym;
 mod outside;
@@ -20,7 +22,9 @@ mod teammates;
 mod tensorboard;
 pub mod train;
 
+pub use curve::Line;
 pub use export::{Header, Unfit, export};
-pub use run::{EVENTS, JUDGED, Judged, Line, Options, Run, RunError, Summary};
+pub use run::{JUDGED, Judged, Options, Run, RunError, Summary};
 pub use spread::{Driven, Spread};
 pub use teammates::Teammates;
+pub use tensorboard::NAME as EVENTS;

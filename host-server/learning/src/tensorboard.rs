@@ -18,7 +18,7 @@ use std::path::Path;
 use crc::{CRC_32_ISCSI, Crc};
 use prost::Message as _;
 
-use crate::run::Line;
+use crate::curve::Line;
 
 /// What it is called: `TensorBoard` looks for `tfevents` in a name.
 pub const NAME: &str = "events.out.tfevents.terracrawler";

@@ -8,7 +8,8 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use crawler_sim::world::Profile;
 
-use crate::run::{Line, Options, Run, RunError};
+use crate::curve::Line;
+use crate::run::{Options, Run, RunError};
 use crate::spread::Spread;
 
 /// Options of `train`.
