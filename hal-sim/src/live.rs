@@ -399,13 +399,13 @@ fn run(
     let over = radio.clone();
     let make = move |beginning: &Beginning<'_>, given| {
         let gateway = Gateway::new(addresses.clone(), over.clone(), config.authority);
-        let (fleet, way) = (config.fleet.clone(), Way::Live(gateway.clone()));
+        let way = (config.fleet.clone(), Way::Live(gateway.clone()));
         let simulation = match beginning {
             Beginning::New(scenario, seed) => {
                 let (scenario, clock) = (scenario.as_ref().clone(), SimClock::new());
-                Simulation::with(scenario, *seed, &clock, fleet, way, given, None)
+                Simulation::with(scenario, *seed, &clock, way, given, None)
             }
-            Beginning::Again(kept) => Simulation::again(kept, fleet, way, given),
+            Beginning::Again(kept) => Simulation::again(kept, way, given),
         };
         Ok::<_, SimulationError>((gateway, simulation?))
     };

@@ -32,10 +32,9 @@ const LICENCES: &[&str] = &[
 const MOST_FILES: usize = 6;
 
 /// Types that are not divided yet, and in how many files they are at most.
-const SCATTERED: [(&str, &str, usize); 5] = [
+const SCATTERED: [(&str, &str, usize); 4] = [
     ("firmware/app", "Connection", 7),
     ("hal-sim", "Scenario", 8),
-    ("hal-sim", "Simulation", 12),
     ("hal-sim", "Space", 9),
     ("hil", "Bench", 7),
 ];

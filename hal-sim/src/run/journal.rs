@@ -6,13 +6,11 @@
 
 mod payload;
 
-use crawler_hal::{Duration, Instant};
+use crawler_hal::Instant;
 use serde::{Deserialize, Serialize};
 
 pub use payload::Payload;
 
-use super::error::SimulationError;
-use super::simulation::Simulation;
 use crate::faults::Fault;
 use crate::net::lockstep::Cut;
 use crate::world::{Dropped, Pose};
@@ -185,78 +183,6 @@ impl Journal {
     /// The simulation runs.
     pub(crate) fn runs(&mut self) {
         self.ran = true;
-    }
-}
-
-impl Simulation {
-    /// What was done to this simulation from outside.
-    #[must_use]
-    pub fn journal(&self) -> &Journal {
-        &self.journal
-    }
-
-    /// Does once more what a journal says, up to and including `until`, and lets time pass up to
-    /// there.
-    ///
-    /// # Errors
-    /// None that the first time did not have: what failed then fails the same way again, and is
-    /// passed over.
-    pub fn follow(&mut self, entries: &[Entry], until: Instant) {
-        for entry in entries {
-            let at = Instant::from_micros(entry.at_us);
-            if at > until {
-                break;
-            }
-            if entry.settled || at > self.now() {
-                self.run_until(at);
-            }
-            self.apply(&entry.input);
-        }
-        self.run_until(until);
-    }
-
-    /// Does to the simulation what `input` says.
-    pub fn apply(&mut self, input: &Input) {
-        match input {
-            Input::Command {
-                robot,
-                payload,
-                numbered,
-            } => self.submit_again(robot.map(|robot| robot as usize), payload, *numbered),
-            Input::Message {
-                topic,
-                payload,
-                at_least_once,
-                retain,
-            } => self.publish(topic, payload.bytes(), *at_least_once, *retain),
-            Input::Time { epoch_ms, every_us } => {
-                self.serve_time(*epoch_ms, Duration::from_micros(*every_us));
-            }
-            Input::Spawn { pose } => {
-                let _: Result<usize, SimulationError> = match pose {
-                    Some(pose) => self.spawn_at(*pose),
-                    None => self.spawn(),
-                };
-            }
-            Input::Remove { robot } => self.remove(*robot as usize),
-            Input::Cut { robot, cut } => self.cut(*robot as usize, *cut),
-            Input::Fault {
-                robot,
-                fault,
-                lasting_us,
-            } => {
-                let lasting = lasting_us.map(Duration::from_micros);
-                let _ = self.inject(*robot as usize, *fault, lasting);
-            }
-            Input::Heal { robot } => self.heal(*robot as usize),
-            Input::Crash { robot, text } => self.crash(*robot as usize, text),
-            Input::Drop { what } => {
-                let _ = self.drop_in(*what);
-            }
-            Input::Take { item } => {
-                self.take_away(*item);
-            }
-        }
     }
 }
 

@@ -1,99 +1,67 @@
 //! A simulation: see [`Simulation`].
 //!
-//! Reading order: this file makes one; `step` lets time pass; `robots` adds, boots and removes;
-//! `initial`, `direct` and `command` tell robots what to do; `faults` and `hostile` trouble them;
-//! `outside` is what else can be done to it, `observe` and `history` what can be asked;
-//! `updates` is by what they take new programs, `versions` keeps their versions;
-//! `checkpoint` keeps a live one to go on from.
+//! Reading order: this file makes one, `inputs` is what can be done to it and `observe` what can be asked of it; these
+//! three are a thin surface, whose one duty is that whatever comes from outside is in the journal. Below it `runtime`
+//! lets time pass over the parts, each of which has its own state and its own promise:
+//!
+//! | module | what it has |
+//! |---|---|
+//! | `population` | bodies, programs and links of the robots, under one number each |
+//! | `programs`, with `updates` and `versions` | what programs are started with |
+//! | `uplink` | the way to the broker, and what is published there |
+//! | `initial`, `command` | the command that every robot gets first; how commands are numbered |
+//! | `troubles`, with `hostile` | what is broken, and until when |
+//! | `tracking`, `cells` | what robots are told of where they and others are |
+//! | `history` | the fingerprints of all that happens |
+//!
+//! `direct` and `troubles` say what the runtime does when the scenario or a fault is due, and `checkpoint` keeps a live
+//! one to go on from.
 
+mod cells;
 #[cfg(feature = "live")]
 mod checkpoint;
 mod command;
 mod direct;
-mod faults;
 mod history;
 mod hostile;
 mod initial;
+mod inputs;
 mod observe;
-mod outside;
-mod robots;
-mod step;
+mod population;
+mod programs;
+mod runtime;
+mod tracking;
+mod troubles;
 mod updates;
+mod uplink;
 mod versions;
 
-use std::collections::BTreeMap;
 use std::fmt;
-use std::rc::Rc;
 
-use crawler_app::Credentials;
-use crawler_hal::{Duration, Instant};
-use crawler_protocol::{Fleet, RobotId, Says, Topic};
+use crawler_hal::Duration;
+use crawler_protocol::{Fleet, Topic};
 use crawler_release::PublicKeys;
 
-use super::director::Director;
 use super::error::SimulationError;
-use super::eyes::DetectorInstance;
-use super::hashes::Hashes;
 use super::journal::Journal;
-use super::machine::{Program, SimRobot};
-use super::overhead::OverheadCamera;
 use super::parallel::ShardHandle;
-use crate::devices::World;
-#[cfg(feature = "live")]
-use crate::net::fix::publisher;
 use crate::net::lockstep::VirtualNetwork;
-use crate::scenario::{Scenario, Spawner};
-use crate::sched::{Scheduler, SimClock};
-use crate::world::Fingerprint;
-use crate::world::{Members, PHYSICS_STEP, RobotIndex};
-use initial::Initial;
-use versions::Versions;
+use crate::scenario::Scenario;
+use crate::sched::SimClock;
+use runtime::Runtime;
 
 #[cfg(feature = "live")]
 pub(crate) use checkpoint::Checkpoint;
+pub(crate) use programs::BrokerAddress;
+pub use programs::credentials;
+pub use uplink::Link;
+pub(crate) use uplink::Way;
 
 /// Unix time at the beginning of every simulated world: 2026-01-01, in milliseconds.
 pub const EPOCH_MS: u64 = 1_767_225_600_000;
-/// How often the state of the world goes into the history.
-const HISTORY_PERIOD: Duration = Duration::from_secs(1);
 /// How often robots are told the time: by the server of a lockstep world, or without a network
 /// by the simulation.
 const TIME_PERIOD: Duration = Duration::from_secs(5);
-
-/// How the robots of a world in virtual time reach their broker.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Link {
-    /// In the process, in virtual time.
-    Lockstep,
-    /// Not at all.
-    None,
-}
-
-/// How robots reach their broker.
-pub(crate) enum Way {
-    /// Not at all.
-    None,
-    /// In the process, in virtual time.
-    Lockstep(VirtualNetwork),
-    /// Over real sockets.
-    #[cfg(feature = "live")]
-    Live(crate::net::live::Gateway),
-}
-
-struct Machine {
-    id: RobotId,
-    index: RobotIndex,
-    /// `None` when another shard runs it.
-    robot: Option<Rc<SimRobot>>,
-    /// `None` without power, and after removal.
-    program: Option<Program>,
-    /// Number of its link, where links have numbers.
-    link: usize,
-    boots: u32,
-    /// Of its state so far and of its boots.
-    history: Fingerprint,
-}
 
 /// A world whose bodies run the real robot program.
 ///
@@ -101,75 +69,9 @@ struct Machine {
 /// scenario, seed and calls give the same [`Simulation::history_hash`], on one thread or, with
 /// [`parallel::run`](super::parallel::run), on several.
 pub struct Simulation {
-    scenario: Scenario,
-    seed: u64,
-    fleet: Fleet,
-    sched: Scheduler,
-    world: World,
-    way: Way,
-    machines: Vec<Machine>,
-    spawner: Spawner,
-    /// Whoever runs the scenario.
-    director: Director,
-    /// The camera above the arena.
-    camera: Option<OverheadCamera>,
-    /// Its client in a live world.
-    #[cfg(feature = "live")]
-    messenger: Option<crate::sched::TaskId>,
-    /// What every robot is told first.
-    initial: Initial,
-    /// When the robots of a simulation without a network are told the time.
-    next_time: Instant,
-    /// When the next physics step ends.
-    next_step: Instant,
-    next_history: Instant,
-    /// When robots that listen are told who is near.
-    next_cells: Instant,
-    /// What they say to those near them, by number, in the step in which that is told.
-    said: BTreeMap<usize, Says>,
-    hashes: Hashes,
-    /// Number of the newest command.
-    seq: u64,
+    runtime: Runtime,
     /// What was done to it from outside.
-    pub(super) journal: Journal,
-    /// Where the other shards of the world are met.
-    shard_handle: Option<ShardHandle>,
-    /// What is broken about the robots, and until when.
-    troubles: faults::Troubles,
-    /// Whom robots are to connect to.
-    broker: BrokerAddress,
-    /// What their cameras are seen through with.
-    detector: Option<Rc<DetectorInstance>>,
-    /// Versions of programs from bundles.
-    versions: Versions,
-}
-
-/// Name and password for a broker, as robots hold them.
-///
-/// # Errors
-/// [`SimulationError::Credentials`] when the name is longer than 32 bytes or the password longer
-/// than 64.
-pub fn credentials(name: &str, password: &str) -> Result<Credentials, SimulationError> {
-    Ok(Credentials {
-        username: name.try_into().map_err(|_| SimulationError::Credentials)?,
-        password: password
-            .try_into()
-            .map_err(|_| SimulationError::Credentials)?,
-    })
-}
-
-/// What robots are told of the world outside: where their broker is and what it wants to know of its clients, and
-/// whose releases they believe.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct BrokerAddress {
-    pub(crate) host: heapless::String<64>,
-    pub(crate) port: u16,
-    pub(crate) credentials: Option<Credentials>,
-    /// By which keys robots believe releases; without one they take no updates.
-    pub(crate) release_keys: Option<PublicKeys>,
-    /// Where their devices are recorded.
-    #[cfg(feature = "recording")]
-    pub(crate) event_logs: Option<super::event_log::EventLogs>,
+    journal: Journal,
 }
 
 impl Simulation {
@@ -246,7 +148,8 @@ impl Simulation {
             network.share();
         }
         let way = Way::Lockstep(network);
-        Self::with(scenario, seed, &clock, fleet, way, nowhere, shard_handle)
+        let way = (fleet, way);
+        Self::with(scenario, seed, &clock, way, nowhere, shard_handle)
     }
 
     /// A simulation whose robots never find a network. Commands come through
@@ -276,140 +179,92 @@ impl Simulation {
         nowhere: BrokerAddress,
         shard_handle: Option<ShardHandle>,
     ) -> Result<Self, SimulationError> {
-        let fleet = Fleet::default();
+        let way = (Fleet::default(), Way::None);
         let clock = SimClock::new();
-        Self::with(
-            scenario,
-            seed,
-            &clock,
-            fleet,
-            Way::None,
-            nowhere,
-            shard_handle,
-        )
+        Self::with(scenario, seed, &clock, way, nowhere, shard_handle)
     }
 
     pub(crate) fn with(
         scenario: Scenario,
         seed: u64,
         clock: &SimClock,
-        fleet: Fleet,
-        way: Way,
+        way: (Fleet, Way),
         broker: BrokerAddress,
         shard_handle: Option<ShardHandle>,
     ) -> Result<Self, SimulationError> {
-        let robots = scenario.robots;
-        let mut simulation =
-            Self::deserted(scenario, seed, clock, fleet, way, broker, shard_handle)?;
-        for number in 1..=robots {
-            match simulation.place(None) {
-                Err(SimulationError::NoRoom(..)) => {
-                    return Err(SimulationError::NoRoom(number, robots));
-                }
-                other => other?,
-            };
-        }
-        #[cfg(feature = "live")]
-        simulation.send_messenger(clock);
-        Ok(simulation)
+        let mut runtime = Runtime::deserted(scenario, seed, clock, way, broker, shard_handle)?;
+        runtime.populate(clock)?;
+        Ok(Self::of(runtime))
     }
 
-    /// The same without a robot.
-    fn deserted(
-        scenario: Scenario,
-        seed: u64,
-        clock: &SimClock,
-        fleet: Fleet,
-        way: Way,
-        broker: BrokerAddress,
-        shard_handle: Option<ShardHandle>,
-    ) -> Result<Self, SimulationError> {
-        scenario.validate()?;
-        let initial = Initial::new(scenario.action()?);
-        let next_time = if matches!(way, Way::None) {
-            Instant::BOOT
-        } else {
-            Instant::FAR_FUTURE
-        };
-        let arena = scenario.arena(seed)?;
-        let spawner = scenario.spawner(&arena, seed);
-        let director = Director::new(&scenario, &arena, seed);
-        let members = shard_handle
-            .as_ref()
-            .map_or(Members::ALL, ShardHandle::members);
-        let parameters = scenario.drawn_parameters(seed);
-        let world = World::replica(arena, parameters, seed, clock, members)?;
-        let detector = scenario.detector.map(DetectorInstance::new).transpose()?;
-        let camera =
-            OverheadCamera::new(scenario.tracker, seed).filter(|_| !matches!(way, Way::None));
-        Ok(Self {
-            scenario,
-            seed,
-            fleet,
-            sched: Scheduler::new(clock),
-            world,
-            way,
-            machines: Vec::new(),
-            spawner,
-            director,
-            camera,
-            #[cfg(feature = "live")]
-            messenger: None,
-            initial,
-            next_time,
-            next_step: Instant::BOOT + PHYSICS_STEP,
-            next_history: Instant::BOOT + HISTORY_PERIOD,
-            next_cells: Instant::BOOT + crawler_cells::PERIOD,
-            said: BTreeMap::new(),
-            hashes: Hashes::default(),
-            seq: command::FIRST_SEQ,
+    fn of(runtime: Runtime) -> Self {
+        Self {
+            runtime,
             journal: Journal::default(),
-            shard_handle,
-            troubles: faults::Troubles::default(),
-            broker,
-            detector,
-            versions: Versions::default(),
-        })
+        }
     }
 
-    /// Connects the camera of a live world to the broker.
-    #[cfg(feature = "live")]
-    fn send_messenger(&mut self, clock: &SimClock) {
-        if let (Way::Live(gateway), Some(_)) = (&self.way, &self.camera) {
-            let outlet = Rc::clone(gateway.outlet());
-            let network = gateway.service();
-            let fleet = self.fleet.clone();
-            let credentials = self.broker.credentials.clone();
-            let (host, clock) = (self.broker.host.clone(), clock.world());
-            let network = gateway.secure(network, Box::new(|| None));
-            let client = publisher::run(fleet, credentials, outlet, network, host, clock);
-            self.messenger = Some(self.sched.spawn(client));
+    /// A simulation whose robots reach their broker by `link`.
+    ///
+    /// # Errors
+    /// See [`SimulationError`].
+    pub fn linked(link: Link, scenario: Scenario, seed: u64) -> Result<Self, SimulationError> {
+        match link {
+            Link::Lockstep => Self::lockstep(scenario, seed),
+            Link::None => Self::without_network(scenario, seed),
         }
+    }
+
+    /// The same scenario from the beginning, with `seed` or with the seed of this one.
+    ///
+    /// # Errors
+    /// [`SimulationError::Live`] for a live one, and what the first time may have failed with.
+    pub fn anew(&self, seed: Option<u64>) -> Result<Self, SimulationError> {
+        let link = self.link().ok_or(SimulationError::Live)?;
+        let seed = seed.unwrap_or(self.seed());
+        Self::linked(link, self.scenario().clone(), seed)
+    }
+
+    /// Keeps the world as it is, but for its programs.
+    #[cfg(feature = "live")]
+    pub(crate) fn keep(&self) -> Checkpoint {
+        self.runtime.keep()
+    }
+
+    /// A simulation in which the robots of a kept one stand again, each where it was and under its
+    /// name. [`Simulation::go_on`] does the rest before time passes.
+    ///
+    /// # Errors
+    /// See [`SimulationError`].
+    #[cfg(feature = "live")]
+    pub(crate) fn again(
+        kept: &Checkpoint,
+        way: (Fleet, Way),
+        broker: BrokerAddress,
+    ) -> Result<Self, SimulationError> {
+        Runtime::again(kept, way, broker).map(Self::of)
+    }
+
+    /// Breaks what was broken, and goes on from the kept state of bodies and flash.
+    #[cfg(feature = "live")]
+    pub(crate) fn go_on(&mut self, kept: &Checkpoint) {
+        self.runtime.go_on(kept);
     }
 
     /// Takes the camera down, connection and all.
     #[cfg(feature = "live")]
     pub(crate) fn end_tracking(&mut self) {
-        self.camera = None;
-        if let Some(messenger) = self.messenger.take() {
-            self.sched.remove(messenger);
-        }
-    }
-}
-
-impl Machine {
-    /// Its program and the context that it runs on, while it runs in this shard.
-    fn running(&self) -> Option<(&Rc<SimRobot>, &Program)> {
-        self.robot.as_ref().zip(self.program.as_ref())
+        let runtime = &mut self.runtime;
+        runtime.tracking.end(&mut runtime.population);
     }
 }
 
 impl fmt::Debug for Simulation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Simulation")
-            .field("scenario", &self.scenario.name)
-            .field("seed", &self.seed)
-            .field("robots", &self.machines.len())
+            .field("scenario", &self.scenario().name)
+            .field("seed", &self.seed())
+            .field("robots", &self.robots())
             .field("now", &self.now())
             .finish_non_exhaustive()
     }

@@ -6,12 +6,14 @@
 use crawler_hal::{Duration, Instant};
 use crawler_protocol::Fleet;
 
-use super::{BrokerAddress, HISTORY_PERIOD, Machine, PHYSICS_STEP, Simulation, Way};
+use super::history::History;
+use super::programs::BrokerAddress;
+use super::runtime::Runtime;
+use super::uplink::Way;
 use crate::devices::WorldCheckpoint;
 use crate::faults::Fault;
 use crate::run::error::SimulationError;
 use crate::run::hashes::Hashes;
-use crate::run::machine;
 use crate::scenario::Scenario;
 use crate::sched::SimClock;
 use crate::world::Fingerprint;
@@ -56,85 +58,56 @@ impl Checkpoint {
     }
 }
 
-impl Simulation {
+impl Runtime {
     /// Keeps the world as it is, but for its programs.
-    pub(crate) fn keep(&self) -> Checkpoint {
+    pub(super) fn keep(&self) -> Checkpoint {
         let now = self.now();
         let faults = self.troubles.all().map(|(robot, fault, until)| {
             let left = (until < Instant::FAR_FUTURE).then(|| until.saturating_since(now));
             (robot, fault, left)
         });
-        let robots = self.machines.iter();
+        let robots = self.population.iter();
         Checkpoint {
-            scenario: self.scenario.clone(),
+            scenario: (*self.scenario).clone(),
             seed: self.seed,
             at: now,
-            world: self.world.keep(),
-            robots: robots.map(|one| (one.boots, one.history)).collect(),
+            world: self.population.world.keep(),
+            robots: robots.map(|one| (one.boots(), one.history())).collect(),
             faults: faults.collect(),
-            hashes: self.hashes.clone(),
+            hashes: self.history.hashes().clone(),
         }
     }
 
-    /// A simulation in which the robots of a kept one stand again, each where it was and under its
-    /// name. [`Simulation::go_on`] does the rest before time passes.
-    ///
-    /// # Errors
-    /// See [`SimulationError`].
-    pub(crate) fn again(
+    /// A world in which the robots of a kept one stand again, each where it was and under its
+    /// name. [`Self::go_on`] does the rest before time passes.
+    pub(super) fn again(
         kept: &Checkpoint,
-        fleet: Fleet,
-        way: Way,
+        way: (Fleet, Way),
         broker: BrokerAddress,
     ) -> Result<Self, SimulationError> {
         let clock = SimClock::new();
         let (scenario, seed) = (kept.scenario.clone(), kept.seed);
-        let mut simulation = Self::deserted(scenario, seed, &clock, fleet, way, broker, None)?;
+        let mut runtime = Self::deserted(scenario, seed, &clock, way, broker, None)?;
         // Time goes on: movers, the timeline and the history are where they were.
-        simulation.sched.advance_to(kept.at);
-        let steps = |count: u64, period: Duration| {
-            Instant::from_micros(count.saturating_mul(period.as_micros()))
-        };
-        let after = |period: Duration| steps(kept.at.as_micros() / period.as_micros() + 1, period);
-        simulation.next_step = steps(kept.world.steps() + 1, PHYSICS_STEP);
-        simulation.next_history = after(HISTORY_PERIOD);
-        simulation.next_cells = after(crawler_cells::PERIOD);
-        simulation.director.skip_to(kept.at);
-        simulation.hashes = kept.hashes.clone();
-        for (number, &(boots, history)) in kept.robots.iter().enumerate() {
-            let wiring = simulation.scenario.wiring(number);
-            let (index, parts) = simulation.world.put_back(&kept.world, number, wiring);
-            let config = simulation.config(number, parts.as_ref().map(|parts| &parts.started));
-            let id = config.id.clone();
-            let is_removed = kept.world.is_removed(number);
-            let robot = (!is_removed).then(|| machine::context(config));
-            let program = robot
-                .as_ref()
-                .zip(parts)
-                .map(|(robot, parts)| simulation.start_program(robot, parts, number, number));
-            simulation.machines.push(Machine {
-                id,
-                index,
-                boots: boots + u32::from(program.is_some()),
-                robot,
-                program,
-                link: number,
-                history,
-            });
-            simulation.director.add_idle();
+        runtime.skip_to(kept.at, kept.world.steps());
+        runtime.history = History::go_on(kept.hashes.clone(), kept.at);
+        for &before in &kept.robots {
+            let population = &mut runtime.population;
+            population.put_back(&kept.world, before, &runtime.uplink);
+            runtime.director.add_idle();
         }
-        simulation.send_messenger(&clock);
-        Ok(simulation)
+        runtime.connect_camera(&clock);
+        Ok(runtime)
     }
 
     /// Breaks what was broken, and goes on from the kept state of bodies and flash.
-    pub(crate) fn go_on(&mut self, kept: &Checkpoint) {
+    pub(super) fn go_on(&mut self, kept: &Checkpoint) {
         for &(robot, fault, left) in &kept.faults {
             // It could be broken this way before, so it can again.
             let broken = self.break_part(robot, fault, left);
             debug_assert!(broken.is_ok(), "{fault:?}: {broken:?}");
         }
         // After the faults: what they destroy at once has been destroyed, and used since.
-        self.world.take_up(&kept.world);
+        self.population.world.take_up(&kept.world);
     }
 }

@@ -1,54 +1,21 @@
 //! What the scenario has in store: commands, faults, goals.
 
-use crawler_hal::{Clock, Duration};
-use crawler_protocol::{Action, BehaviourName, RobotState};
+use crawler_hal::Duration;
+use crawler_protocol::{Action, BehaviourName};
 
-use super::{Machine, Simulation};
+use super::command;
+use super::population::Machine;
+use super::runtime::Runtime;
 use crate::faults::Fault;
-use crate::run::director::{Broken, Issued, ScenarioAction, Sighting, Target};
+use crate::run::director::{Broken, Issued, ScenarioAction, Sighting};
 
-impl Simulation {
-    /// The places that the scenario sends a robot to, in order.
-    #[must_use]
-    pub fn targets(&self, robot: usize) -> &[Target] {
-        self.director.targets(robot)
-    }
-
-    /// Takes the commands that the scenario has given since the last call; of more than a few
-    /// thousand, the first ones.
-    pub fn take_issued(&mut self) -> Vec<Issued> {
-        self.director.take_issued()
-    }
-
-    /// Takes the faults that the scenario has brought about since the last call; of more than a
-    /// few thousand, the first ones.
-    pub fn take_broken(&mut self) -> Vec<Broken> {
-        self.director.take_broken()
-    }
-
-    /// Whether the scenario has nothing more in store: its timeline is over, and every goal was
-    /// reached.
-    #[must_use]
-    pub fn is_over(&self) -> bool {
-        self.director.is_over()
-    }
-
-    /// Whether a robot has booted and knows the time, so that it takes commands that reach it.
-    #[must_use]
-    pub fn takes_commands(&self, robot: usize) -> bool {
-        self.machines
-            .get(robot)
-            .is_some_and(Machine::takes_commands)
-    }
-
+impl Runtime {
     /// Does what the scenario has for now.
     pub(super) fn direct(&mut self) {
         let now = self.now();
-        for (robot, action) in self.director.due(self.machines.len(), now) {
+        for (robot, action) in self.director.due(self.population.len(), now) {
             match action {
-                ScenarioAction::Tell(action) if self.machines[robot].robot.is_some() => {
-                    self.tell(robot, *action);
-                }
+                ScenarioAction::Tell(action) if self.runs(robot) => self.tell(robot, *action),
                 // It is another shard's.
                 ScenarioAction::Tell(_) => {}
                 ScenarioAction::Break(fault, lasting) => self.break_down(robot, fault, lasting),
@@ -57,11 +24,13 @@ impl Simulation {
         if !self.director.looks(now) {
             return;
         }
-        for robot in 0..self.machines.len() {
-            let machine = &self.machines[robot];
+        for robot in 0..self.population.len() {
+            let Some(machine) = self.population.get(robot) else {
+                continue;
+            };
             // Robots of other shards are looked at there.
-            let (Some(program), Some(pose)) = (&machine.robot, self.world.pose(machine.index))
-            else {
+            let pose = self.population.world.pose(machine.index());
+            let (Some(program), Some(pose)) = (machine.robot(), pose) else {
                 continue;
             };
             let snapshot = program.snapshot();
@@ -76,29 +45,57 @@ impl Simulation {
         }
     }
 
+    /// Gives the initial command to robots that can take it by now.
+    pub(super) fn start_waiting(&mut self) {
+        let Some((action, waiting)) = self.initial.take() else {
+            return;
+        };
+        let now = self.now();
+        for number in waiting {
+            let number = number as usize;
+            if self.takes_commands(number) {
+                self.tell(number, action.clone());
+            } else {
+                self.initial.wait(number, now);
+            }
+        }
+    }
+
+    /// Whether a robot has booted and knows the time, so that it takes commands that reach it.
+    pub(super) fn takes_commands(&self, robot: usize) -> bool {
+        let machine = self.population.get(robot);
+        machine.is_some_and(Machine::takes_commands)
+    }
+
+    /// Whether its program runs in this shard, when it has power.
+    fn runs(&self, robot: usize) -> bool {
+        let machine = self.population.get(robot);
+        machine.is_some_and(|machine| machine.robot().is_some())
+    }
+
     /// Gives a robot a command of the scenario.
-    pub(super) fn tell(&mut self, robot: usize, action: Action) {
+    fn tell(&mut self, robot: usize, action: Action) {
         let name = action.command();
-        let seq = self.start(robot, action);
-        let at = self.now();
+        let before = self.director.count(robot);
+        let (seq, payload) = command::of_scenario(before, action, self.command_time());
+        self.hand(robot, &payload);
         self.director.note(Issued {
             robot,
             seq,
-            at,
+            at: self.now(),
             command: name,
         });
     }
 
     fn break_down(&mut self, robot: usize, fault: Fault, lasting: Option<Duration>) {
-        let now = self.now();
-        let machine = &self.machines[robot];
-        let Some(program) = &machine.robot else {
+        let machine = self.population.get(robot);
+        let Some(program) = machine.and_then(Machine::robot) else {
             return;
         };
         let broken = Broken {
             robot,
-            at: now,
-            until: lasting.map(|lasting| now + lasting),
+            at: self.now(),
+            until: lasting.map(|lasting| self.now() + lasting),
             had_goal: program.snapshot().behaviour != BehaviourName::Manual,
             fault,
         };
@@ -106,15 +103,5 @@ impl Simulation {
         if self.break_part(robot, fault, lasting).is_ok() {
             self.director.note_broken(broken);
         }
-    }
-}
-
-impl Machine {
-    /// Whether the robot has booted and knows the time, without which it refuses to move.
-    pub(super) fn takes_commands(&self) -> bool {
-        self.running().is_some_and(|(robot, program)| {
-            let booted = robot.snapshot().state != RobotState::Initializing;
-            booted && robot.unix_ms(program.clock.now()).is_some()
-        })
     }
 }

@@ -1,78 +1,95 @@
 //! What the history of a simulation comes to, in one number.
 
-use super::{Simulation, Way};
-use crate::run::hashes::{self, Hashes};
+use crawler_hal::{Duration, Instant};
+
+use super::population::{Machine, Population};
+use super::uplink::Uplink;
+use crate::run::hashes::Hashes;
 use crate::world::Fingerprint;
 
-impl Simulation {
-    /// A fingerprint of all that happened so far: the full physical state once a second and now,
-    /// every boot, and in lockstep every message that robots published.
-    #[must_use]
-    pub fn history_hash(&self) -> u64 {
-        hashes::total(self.now(), self.partial_history())
+/// How often the state of the world goes into the history.
+const PERIOD: Duration = Duration::from_secs(1);
+
+/// The fingerprints of a world second by second, and when the next second ends. What each robot adds to them is kept
+/// with the robot.
+pub(super) struct History {
+    hashes: Hashes,
+    next: Instant,
+}
+
+impl History {
+    pub(super) fn new() -> Self {
+        Self {
+            hashes: Hashes::default(),
+            next: Instant::BOOT + PERIOD,
+        }
     }
 
-    /// The same for one robot: the first one whose fingerprint differs between two runs is where
-    /// they part. `None` when it never existed, or another shard runs it.
-    #[must_use]
-    pub fn robot_history(&self, robot: usize) -> Option<u64> {
-        let state = self.world.robot_hash(self.machines.get(robot)?.index)?;
-        let mut history = self.noted(robot);
-        history.word(state);
-        Some(history.value())
+    /// One that goes on after `now`.
+    #[cfg(feature = "live")]
+    pub(super) fn go_on(hashes: Hashes, now: Instant) -> Self {
+        let seconds = now.as_micros() / PERIOD.as_micros() + 1;
+        Self {
+            hashes,
+            next: Instant::from_micros(seconds.saturating_mul(PERIOD.as_micros())),
+        }
     }
 
-    /// The fingerprint of the history at the end of each second: two runs of one recipe part
-    /// within the first one that differs.
-    #[must_use]
-    pub fn hashes(&self) -> &Hashes {
+    pub(super) const fn hashes(&self) -> &Hashes {
         &self.hashes
     }
 
-    /// The same as mere numbers, the first second first.
-    #[must_use]
-    pub fn second_hashes(&self) -> &[u64] {
-        self.hashes.as_slice()
-    }
-
-    /// The share of this shard's robots in [`Simulation::history_hash`].
-    pub(crate) fn partial_history(&self) -> u64 {
-        self.share(|robot| self.robot_history(robot).unwrap_or_default())
-    }
-
-    /// Takes the state of every robot into its history, at the end of a second.
-    pub(super) fn note_state(&mut self) {
-        for robot in self.world.members().iter(self.machines.len()) {
-            let machine = &mut self.machines[robot];
-            let state = self.world.robot_hash(machine.index);
-            machine.history.word(state.unwrap_or_default());
+    /// Takes in the state of every robot, at the end of a second.
+    pub(super) fn pass(&mut self, population: &mut Population, uplink: &Uplink) {
+        if population.sched.now() < self.next {
+            return;
         }
-        let share = self.share(|robot| self.noted(robot).value());
+        self.next += PERIOD;
+        population.note_states();
+        let share = share(population, |machine| so_far(machine, uplink).value());
         self.hashes.push(share);
     }
+}
 
-    /// What has gone into a robot's history so far.
-    fn noted(&self, robot: usize) -> Fingerprint {
-        let machine = &self.machines[robot];
-        let mut history = machine.history;
-        history.word(u64::from(machine.boots));
-        if let Way::Lockstep(network) = &self.way {
-            history.word(network.fingerprint(machine.link));
-        }
-        history
-    }
+/// The fingerprint of all that a robot did, up to now. `None` when it never existed, or another shard runs it.
+pub(super) fn of_robot(population: &Population, uplink: &Uplink, robot: usize) -> Option<u64> {
+    of(population, uplink, population.get(robot)?)
+}
 
-    /// The sum over the robots of this shard. Those of all shards are added up, so that it does
-    /// not matter whose a robot is.
-    fn share(&self, of: impl Fn(usize) -> u64) -> u64 {
-        let members = self.world.members().iter(self.machines.len());
-        members
-            .map(|robot| {
-                let mut share = Fingerprint::new();
-                share.word(robot as u64);
-                share.word(of(robot));
-                share.value()
-            })
-            .fold(0, u64::wrapping_add)
+/// The share of this shard's robots in the fingerprint of the world.
+pub(super) fn of_shard(population: &Population, uplink: &Uplink) -> u64 {
+    share(population, |machine| {
+        of(population, uplink, machine).unwrap_or_default()
+    })
+}
+
+fn of(population: &Population, uplink: &Uplink, machine: &Machine) -> Option<u64> {
+    let state = population.world.robot_hash(machine.index())?;
+    let mut history = so_far(machine, uplink);
+    history.word(state);
+    Some(history.value())
+}
+
+/// What has gone into a robot's history so far.
+fn so_far(machine: &Machine, uplink: &Uplink) -> Fingerprint {
+    let mut history = machine.history();
+    history.word(u64::from(machine.boots()));
+    if let Some(network) = uplink.network() {
+        history.word(network.fingerprint(machine.link()));
     }
+    history
+}
+
+/// The sum over the robots of this shard. Those of all shards are added up, so that it does
+/// not matter whose a robot is.
+fn share(population: &Population, of: impl Fn(&Machine) -> u64) -> u64 {
+    let members = population.world.members().iter(population.len());
+    members
+        .filter_map(|robot| {
+            let mut share = Fingerprint::new();
+            share.word(robot as u64);
+            share.word(of(population.get(robot)?));
+            Some(share.value())
+        })
+        .fold(0, u64::wrapping_add)
 }

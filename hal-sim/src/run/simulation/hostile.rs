@@ -1,11 +1,11 @@
 //! Somebody who sends a robot what nobody should.
 
 use crawler_hal::Duration;
-use crawler_protocol::{MAX_MESSAGE, Topic};
+use crawler_protocol::MAX_MESSAGE;
 use rand_core::Rng;
 use rand_pcg::Pcg32;
 
-use super::{EPOCH_MS, Simulation, Way};
+use super::EPOCH_MS;
 use crate::world::{Purpose, RobotIndex, stream};
 
 /// Bytes of the largest packet: more than a robot takes, less than a broker refuses.
@@ -99,18 +99,5 @@ impl Hostile {
             r#"{{"command":"move","parameters":{{"direction":"forward","speed":100,"duration":5000}},"timestamp":{timestamp},"seq":{seq},"source":"attacker"}}"#
         )
         .into_bytes()
-    }
-}
-
-impl Simulation {
-    /// Sends a hostile packet to a robot, and to no other.
-    pub(super) fn attack(&self, robot: usize, packet: &Packet) {
-        match (&self.way, self.machines.get(robot)) {
-            (Way::Lockstep(network), Some(machine)) if packet.as_pose => {
-                let topic = Topic::Pose(machine.id.clone()).render(&self.fleet);
-                network.publish(&topic, &packet.payload, false, false);
-            }
-            _ => self.deliver(robot, &packet.payload),
-        }
     }
 }

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use crawler_app::{UpdateIdentity, Updates};
 use crawler_protocol::BuildId;
 
-use super::BrokerAddress;
+use super::programs::BrokerAddress;
 use crate::devices::Started;
 use crate::run::machine::SimUpdates;
 

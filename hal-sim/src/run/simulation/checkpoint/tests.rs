@@ -6,6 +6,7 @@ use crawler_protocol::{
 };
 
 use super::*;
+use crate::run::Simulation;
 use crate::world::{DropError, Dropped, Object, ObjectShape, Obstacle};
 
 fn without_network(name: &str, robots: u32) -> Simulation {
@@ -16,7 +17,7 @@ fn without_network(name: &str, robots: u32) -> Simulation {
 fn resume(kept: &Checkpoint) -> Simulation {
     let nowhere = BrokerAddress::default();
     let mut simulation =
-        Simulation::again(kept, Fleet::default(), Way::None, nowhere).expect("sound");
+        Simulation::again(kept, (Fleet::default(), Way::None), nowhere).expect("sound");
     simulation.go_on(kept);
     simulation
 }

@@ -5,10 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use crawler_hal::{Duration, Instant};
 
 use super::hostile::Hostile;
-use super::{Simulation, Way};
+use super::runtime::Runtime;
 use crate::faults::{Fault, FaultError, LinkCut, Part};
 use crate::net::lockstep::Cut;
-use crate::run::journal::Input;
 
 /// A part of a robot.
 type Place = (u32, Part);
@@ -89,43 +88,20 @@ impl Troubles {
     }
 }
 
-impl Simulation {
-    /// Breaks something about a robot: for so long, or until [`Simulation::heal`]. A fault takes
-    /// the place of an earlier one of the same part of the same robot, time and all. What is over
-    /// at once, such as [`Fault::ClockStep`] or [`Fault::FlashNoise`], has nothing to last.
-    ///
-    /// # Errors
-    /// See [`FaultError`]; nothing is broken then.
-    pub fn inject(
-        &mut self,
-        robot: usize,
-        fault: Fault,
-        lasting: Option<Duration>,
-    ) -> Result<(), FaultError> {
-        fault.validate()?;
-        let input = Input::Fault {
-            robot: robot as u32,
-            fault,
-            lasting_us: lasting.map(Duration::as_micros),
-        };
-        self.journal.note(self.now(), input);
-        self.break_part(robot, fault, lasting)
-    }
-
-    /// Breaks something, without a note in the journal: what the scenario does is no input.
+impl Runtime {
+    /// Breaks something about a robot, for so long or until it is mended.
     pub(super) fn break_part(
         &mut self,
         robot: usize,
         fault: Fault,
         lasting: Option<Duration>,
     ) -> Result<(), FaultError> {
-        let machine = self.machines.get(robot).ok_or(FaultError::NoRobot)?;
-        let index = machine.index;
-        if self.world.pose(index).is_none() {
+        let machine = self.population.get(robot).ok_or(FaultError::NoRobot)?;
+        let index = machine.index();
+        if self.population.pose(robot).is_none() {
             return Err(FaultError::NoRobot);
         }
-        let now = self.now();
-        let until = lasting.map_or(Instant::FAR_FUTURE, |lasting| now + lasting);
+        let (now, until) = (self.now(), self.until(lasting));
         let mut active = Active {
             fault,
             until,
@@ -145,20 +121,15 @@ impl Simulation {
                 }
                 return Ok(());
             }
-            other => self.world.inject(index, other)?,
+            other => self.population.world.inject(index, other)?,
         }
         self.troubles
             .enter((robot as u32, Part::of(&fault)), active);
         Ok(())
     }
 
-    /// Mends all that was broken about a robot by [`Simulation::inject`]. Charge that is gone
-    /// stays gone, and so does what noise has overwritten; a clock is set right by its server.
-    pub fn heal(&mut self, robot: usize) {
-        let input = Input::Heal {
-            robot: robot as u32,
-        };
-        self.journal.note(self.now(), input);
+    /// Mends all that is broken about a robot.
+    pub(super) fn heal(&mut self, robot: usize) {
         for (_, part) in self.troubles.of(robot) {
             self.mend(robot, part);
         }
@@ -171,26 +142,17 @@ impl Simulation {
         if part == Part::Link {
             // Whoever could lose a link can find it again.
             let _ = self.lose_link(robot, None);
-        } else if let Some(machine) = self.machines.get(robot) {
-            self.world.mend(machine.index, part);
+        } else if let Some(machine) = self.population.get(robot) {
+            let index = machine.index();
+            self.population.world.mend(index, part);
         }
     }
 
-    fn lose_link(&mut self, robot: usize, how: Option<LinkCut>) -> Result<(), FaultError> {
-        let machine = self.machines.get(robot).ok_or(FaultError::NoRobot)?;
-        match &self.way {
-            Way::Lockstep(network) => {
-                network.cut(machine.link, how.map_or(Cut::None, Cut::from));
-                Ok(())
-            }
-            Way::None => Err(FaultError::NoNetwork),
-            #[cfg(feature = "live")]
-            Way::Live(gateway) => {
-                let cut = how.map_or(Cut::None, Cut::from);
-                gateway.cut(machine.id.as_str(), cut);
-                Ok(())
-            }
-        }
+    fn lose_link(&self, robot: usize, how: Option<LinkCut>) -> Result<(), FaultError> {
+        let machine = self.population.get(robot).ok_or(FaultError::NoRobot)?;
+        let cut = how.map_or(Cut::None, Cut::from);
+        let had_one = self.uplink.cut(machine, cut);
+        had_one.then_some(()).ok_or(FaultError::NoNetwork)
     }
 
     /// Does what is due about faults: ends them, and sends what is hostile.
@@ -210,7 +172,9 @@ impl Simulation {
                 let packet = hostile.packet();
                 active.next = active.until.min(at + hostile.period());
                 self.troubles.enter(place, active);
-                self.attack(robot, &packet);
+                if let Some(machine) = self.population.get(robot) {
+                    self.uplink.attack(machine, &packet);
+                }
             } else {
                 // It is entered once more for `mend`, which takes it out.
                 active.next = Instant::FAR_FUTURE;
