@@ -54,6 +54,7 @@ pub(crate) use bodies::Bodies;
 pub(crate) use bodies::{Bridge, Build, Inputs, Presence};
 #[cfg(feature = "live")]
 pub(crate) use dropped::Items;
+pub(crate) use dropped::validate_dropped;
 pub(crate) use exchange::Published;
 pub(crate) use fingerprint::StateFingerprint;
 pub(crate) use geometry::{Beam, Cone, Vec2, wrap_any};

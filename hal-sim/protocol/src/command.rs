@@ -3,12 +3,10 @@
 //! On the wire the fields of a command stand beside its name, so that it is read in two steps: the
 //! fields that are there, each with its type, then what the command makes of them.
 
-use crawler_protocol::{
-    DecodeError, EncodeError, FaultCommand, MAX_COORDINATE, RobotId, json, words,
-};
+use crawler_protocol::{DecodeError, EncodeError, FaultCommand, RobotId, json, words};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
-use crate::{Dropped, ScenarioName, SnapshotName};
+use crate::{Dropped, Place, ScenarioName, SnapshotName};
 
 /// Most physics steps of one `step`.
 pub const MAX_STEPS: u32 = 1_000_000;
@@ -50,29 +48,6 @@ words! {
         Take = "take",
         /// See [`SimulatorCommand::Forget`].
         Forget = "forget",
-    }
-}
-
-/// Where a robot is put.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Place {
-    /// Metres along the x axis, within ±[`MAX_COORDINATE`].
-    pub x: f32,
-    /// Metres along the y axis, within ±[`MAX_COORDINATE`].
-    pub y: f32,
-    /// Heading in radians, counter-clockwise from the x axis, within ±[`Place::MAX_THETA`].
-    pub theta: f32,
-}
-
-impl Place {
-    /// Largest heading either way, in radians.
-    pub const MAX_THETA: f32 = 7.0;
-
-    pub(crate) fn is_sound(&self) -> bool {
-        self.x.abs() <= MAX_COORDINATE
-            && self.y.abs() <= MAX_COORDINATE
-            && self.theta.abs() <= Self::MAX_THETA
     }
 }
 

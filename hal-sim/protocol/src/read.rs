@@ -2,9 +2,8 @@
 
 use serde::de::{Deserialize, Deserializer, Error, Unexpected};
 
-use crate::command::{
-    MAX_LOADED, MAX_STEPS, Place, SPEED_RANGE, SimulatorCommand, SimulatorCommandName,
-};
+use crate::command::{MAX_LOADED, MAX_STEPS, SPEED_RANGE, SimulatorCommand, SimulatorCommandName};
+use crate::place::Place;
 use crate::thing::{Dropped, Solid};
 use crate::{ScenarioName, SnapshotName};
 use crawler_protocol::fields::{given, must, only, whole};

@@ -5,8 +5,8 @@ use std::borrow::Cow;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
 
 use crate::{
-    Colour, EXTENT_RANGE, MAX_LOADED, MAX_STEPS, Obstacle, Place, SPEED_RANGE, ScenarioName,
-    SimulatorCommand, SimulatorCommandName, SnapshotName, Thing, ThingShape,
+    Colour, EXTENT_RANGE, MAX_LOADED, MAX_STEPS, Object, ObjectShape, Obstacle, Place, SPEED_RANGE,
+    ScenarioName, SimulatorCommand, SimulatorCommandName, SnapshotName,
 };
 use crawler_protocol::schema::{integer, number, object, tagged, within};
 use crawler_protocol::{FaultSpec, MAX_COORDINATE, MAX_LASTING_MS, RobotId};
@@ -82,14 +82,14 @@ impl JsonSchema for Obstacle {
     }
 }
 
-impl JsonSchema for Thing {
+impl JsonSchema for Object {
     fn schema_name() -> Cow<'static, str> {
         "Thing".into()
     }
 
     fn json_schema(generator: &mut SchemaGenerator) -> Schema {
         object(placed(vec![
-            ("shape", generator.subschema_for::<ThingShape>(), true),
+            ("shape", generator.subschema_for::<ObjectShape>(), true),
             ("size", length("Width and height, metres."), true),
             ("colour", generator.subschema_for::<Colour>(), true),
         ]))
@@ -114,7 +114,7 @@ fn command_field(field: &'static str, generator: &mut SchemaGenerator) -> (Schem
         "scenario" => (generator.subschema_for::<ScenarioName>(), true),
         "robots" => (integer(1, MAX_LOADED.into(), "How many robots."), false),
         "obstacle" => (generator.subschema_for::<Obstacle>(), true),
-        "object" => (generator.subschema_for::<Thing>(), true),
+        "object" => (generator.subschema_for::<Object>(), true),
         "item" => (
             integer(0, u32::MAX.into(), "Number of what was dropped."),
             true,

@@ -2,8 +2,8 @@
 
 use crawler_protocol::MAX_COORDINATE;
 use crawler_sim_protocol::{
-    Colour, Dropped, EXTENT_RANGE, MAX_LOADED, MAX_STEPS, Obstacle, Place, SPEED_RANGE,
-    ScenarioName, SimulatorCommand, SnapshotName, Thing, ThingShape,
+    Colour, Dropped, EXTENT_RANGE, MAX_LOADED, MAX_STEPS, Object, ObjectShape, Obstacle, Place,
+    SPEED_RANGE, ScenarioName, SimulatorCommand, SnapshotName,
 };
 use proptest::option;
 use proptest::prelude::*;
@@ -27,10 +27,10 @@ fn dropped() -> impl Strategy<Value = Dropped> {
         (
             place(),
             length(),
-            select(ThingShape::ALL),
+            select(ObjectShape::ALL),
             select(Colour::ALL)
         )
-            .prop_map(|((x, y), size, shape, colour)| Dropped::Object(Thing {
+            .prop_map(|((x, y), size, shape, colour)| Dropped::Object(Object {
                 shape,
                 x,
                 y,

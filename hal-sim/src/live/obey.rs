@@ -180,7 +180,7 @@ impl Driver<'_> {
                 self.simulation.heal(robot);
             }
             SimulatorCommand::Drop { what } => {
-                let item = self.drop_in((*what).into())?;
+                let item = self.drop_in(*what)?;
                 self.tell_arena();
                 return Ok(Made {
                     robot: None,

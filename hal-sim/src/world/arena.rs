@@ -6,7 +6,8 @@ mod solid;
 use serde::{Deserialize, Serialize};
 
 use super::geometry::Pose;
-pub use contents::{Colour, Mover, Object, ObjectShape, Patch};
+pub use contents::{Mover, Patch};
+pub use crawler_sim_protocol::{Colour, Object, ObjectShape, Obstacle};
 pub(crate) use solid::Solid;
 
 /// Shortest and longest side of an arena, in metres.
@@ -22,35 +23,6 @@ pub const MAX_MOVERS: usize = 256;
 
 /// Most patches one arena may hold.
 pub const MAX_PATCHES: usize = 4_096;
-
-/// Something solid that does not move. Lengths in metres, angles in radians.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "shape", rename_all = "lowercase", deny_unknown_fields)]
-pub enum Obstacle {
-    /// A round post.
-    Circle {
-        /// Centre.
-        x: f32,
-        /// Centre.
-        y: f32,
-        /// Radius.
-        r: f32,
-    },
-    /// A box, turned by `theta` about its centre.
-    Box {
-        /// Centre.
-        x: f32,
-        /// Centre.
-        y: f32,
-        /// Full length along its own x axis.
-        w: f32,
-        /// Full length along its own y axis.
-        h: f32,
-        /// Anticlockwise turn.
-        #[serde(default)]
-        theta: f32,
-    },
-}
 
 /// A walled rectangle centred on the origin, with obstacles.
 ///

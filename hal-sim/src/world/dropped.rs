@@ -3,10 +3,11 @@
 //! It stands at the end of the arena's own lists, so that robots meet it, rangers hear it and
 //! cameras see it as they do everything else there.
 
+pub use crawler_sim_protocol::Dropped;
 use serde::{Deserialize, Serialize};
 
 use super::RobotIndex;
-use super::arena::{Colour, MAX_OBSTACLES, Object, ObjectShape, Obstacle, Solid};
+use super::arena::{MAX_OBSTACLES, Obstacle, Solid};
 use super::bodies::Presence;
 use super::fingerprint::StateFingerprint;
 use super::physics::SKIN_M;
@@ -17,17 +18,6 @@ pub const MAX_DROPPED: usize = 256;
 
 /// Least extent of a dropped thing, metres.
 const LEAST_M: f32 = 0.01;
-
-/// Something that can be dropped into a world.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-#[allow(clippy::exhaustive_enums)] // whoever shows a world decides about both
-pub enum Dropped {
-    /// A post or a box.
-    Obstacle(Obstacle),
-    /// A coloured thing.
-    Object(Object),
-}
 
 /// What lies in a world because it was dropped there.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -98,33 +88,23 @@ impl Items {
     }
 }
 
-impl Dropped {
-    /// The ground it covers.
-    const fn body(&self) -> Obstacle {
-        match self {
-            Self::Obstacle(obstacle) => *obstacle,
-            Self::Object(object) => object.body(),
+/// Checks that the numbers of `what` are such.
+///
+/// # Errors
+/// [`DropError::Numbers`].
+pub(crate) fn validate_dropped(what: &Dropped) -> Result<(), DropError> {
+    // An infinity is longer than any arena, and refused for that.
+    let length = |length: f32| length.is_finite() && length >= LEAST_M;
+    let sound = match what.body() {
+        Obstacle::Circle { x, y, r } => x.is_finite() && y.is_finite() && length(2.0 * r),
+        Obstacle::Box { x, y, w, h, theta } => {
+            x.is_finite() && y.is_finite() && theta.is_finite() && length(w) && length(h)
         }
-    }
-
-    /// Checks that its numbers are such.
-    ///
-    /// # Errors
-    /// [`DropError::Numbers`].
-    pub(crate) fn validate(&self) -> Result<(), DropError> {
-        // An infinity is longer than any arena, and refused for that.
-        let length = |length: f32| length.is_finite() && length >= LEAST_M;
-        let sound = match self.body() {
-            Obstacle::Circle { x, y, r } => x.is_finite() && y.is_finite() && length(2.0 * r),
-            Obstacle::Box { x, y, w, h, theta } => {
-                x.is_finite() && y.is_finite() && theta.is_finite() && length(w) && length(h)
-            }
-        };
-        if sound {
-            Ok(())
-        } else {
-            Err(DropError::Numbers)
-        }
+    };
+    if sound {
+        Ok(())
+    } else {
+        Err(DropError::Numbers)
     }
 }
 
@@ -134,7 +114,7 @@ impl Space {
     /// # Errors
     /// See [`DropError`]; nothing has changed then.
     pub(crate) fn drop_in(&mut self, what: Dropped) -> Result<u32, DropError> {
-        what.validate()?;
+        validate_dropped(&what)?;
         let solid = Solid::new(&what.body());
         let (centre, half) = (solid.centre(), solid.half_extents());
         // What stands at a wall may be off by a rounding.
@@ -209,52 +189,5 @@ impl Space {
             self.list_in_arena(item.what);
         }
         self.rebuild_solids();
-    }
-}
-
-impl From<crawler_sim_protocol::Dropped> for Dropped {
-    fn from(told: crawler_sim_protocol::Dropped) -> Self {
-        match told {
-            crawler_sim_protocol::Dropped::Obstacle(obstacle) => Self::Obstacle(obstacle.into()),
-            crawler_sim_protocol::Dropped::Object(thing) => Self::Object(thing.into()),
-        }
-    }
-}
-
-impl From<crawler_sim_protocol::Obstacle> for Obstacle {
-    fn from(told: crawler_sim_protocol::Obstacle) -> Self {
-        match told {
-            crawler_sim_protocol::Obstacle::Circle { x, y, r } => Self::Circle { x, y, r },
-            crawler_sim_protocol::Obstacle::Box { x, y, w, h, theta } => {
-                Self::Box { x, y, w, h, theta }
-            }
-        }
-    }
-}
-
-impl From<crawler_sim_protocol::Thing> for Object {
-    fn from(told: crawler_sim_protocol::Thing) -> Self {
-        use crawler_sim_protocol::{Colour as Word, ThingShape};
-        Self {
-            shape: match told.shape {
-                ThingShape::Cylinder => ObjectShape::Cylinder,
-                ThingShape::Box => ObjectShape::Box,
-                ThingShape::Ball => ObjectShape::Ball,
-                ThingShape::Cone => ObjectShape::Cone,
-            },
-            x: told.x,
-            y: told.y,
-            size: told.size,
-            colour: match told.colour {
-                Word::Red => Colour::Red,
-                Word::Green => Colour::Green,
-                Word::Blue => Colour::Blue,
-                Word::Yellow => Colour::Yellow,
-                Word::Orange => Colour::Orange,
-                Word::Purple => Colour::Purple,
-                Word::White => Colour::White,
-                Word::Black => Colour::Black,
-            },
-        }
     }
 }

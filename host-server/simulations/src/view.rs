@@ -1,7 +1,9 @@
 //! What is said of a simulated world, over HTTP and over MQTT.
 
 use crawler_sim::live::{Bookmark, ControlError, LiveDone, LiveState};
-use crawler_sim::world::{Dropped, DroppedItem, Object, Obstacle};
+use crawler_sim::world::DroppedItem;
+// A type called `Object` is any object at all in descriptions.
+use crawler_sim_protocol::{Dropped, Object as Thing, Obstacle};
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -95,77 +97,6 @@ pub const fn control_code(error: &ControlError) -> &'static str {
     }
 }
 
-/// Something solid that does not move; lengths in metres, angles in radians.
-#[derive(Serialize, ToSchema)]
-#[serde(tag = "shape", rename_all = "lowercase")]
-#[schema(as = Obstacle)]
-#[allow(dead_code)] // describes what the world's own type writes
-enum ObstacleBody {
-    /// A round post.
-    Circle {
-        /// Centre.
-        x: f32,
-        /// Centre.
-        y: f32,
-        /// Radius.
-        r: f32,
-    },
-    /// A box.
-    Box {
-        /// Centre.
-        x: f32,
-        /// Centre.
-        y: f32,
-        /// Full length along its own x axis.
-        w: f32,
-        /// Full length along its own y axis.
-        h: f32,
-        /// Anticlockwise turn about its centre.
-        theta: f32,
-    },
-}
-
-/// A coloured thing that stands on the floor.
-#[derive(Serialize, ToSchema)]
-#[schema(as = Thing)]
-#[allow(dead_code)] // describes what the world's own type writes
-struct ThingBody {
-    /// What it looks like.
-    shape: ThingShape,
-    /// Its colour.
-    colour: ThingColour,
-    /// Centre, metres.
-    x: f32,
-    /// Centre, metres.
-    y: f32,
-    /// Width and height, metres.
-    size: f32,
-}
-
-#[derive(Serialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-#[allow(dead_code)] // describes what the world's own type writes
-enum ThingShape {
-    Cylinder,
-    Box,
-    Ball,
-    Cone,
-}
-
-#[derive(Serialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-#[allow(dead_code)] // describes what the world's own type writes
-enum ThingColour {
-    Red,
-    Green,
-    Blue,
-    Yellow,
-    Orange,
-    Purple,
-    White,
-    Black,
-}
-
 /// What was dropped into the running world.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = DroppedItem)]
@@ -174,12 +105,12 @@ pub struct ItemView {
     id: u32,
     /// What it is, when it is an obstacle.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Option<ObstacleBody>, nullable = false)]
+    #[schema(nullable = false)]
     obstacle: Option<Obstacle>,
     /// What it is, when it is a coloured thing.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Option<ThingBody>, nullable = false)]
-    object: Option<Object>,
+    #[schema(nullable = false)]
+    object: Option<Thing>,
 }
 
 impl From<DroppedItem> for ItemView {

@@ -22,7 +22,6 @@ const CIRCLES: &[(&str, &[&[&str]])] = &[
         &[&["command", "message", "open", "words"]],
     ),
     ("firmware/release", &[&["cbor", "encoding", "manifest"]]),
-    ("hal-sim/protocol", &[&["command", "thing"]]),
     ("host-server", &[&["console", "release", "rollout", "twin"]]),
     ("host-server/accounts", &[&["lib.rs", "login", "tickets"]]),
     (

@@ -12,7 +12,7 @@ use crate::faults::{Fault, FaultError};
 use crate::net::lockstep::Cut;
 use crate::run::error::SimulationError;
 use crate::run::journal::{Entry, Input, Journal, Payload};
-use crate::world::{DropError, Dropped, Pose};
+use crate::world::{DropError, Dropped, Pose, validate_dropped};
 
 impl Simulation {
     /// What was done to this simulation from outside.
@@ -200,7 +200,7 @@ impl Simulation {
     /// See [`DropError`]; nothing has changed then.
     pub fn drop_in(&mut self, what: Dropped) -> Result<u32, DropError> {
         // The journal is to be read again, number by number.
-        what.validate()?;
+        validate_dropped(&what)?;
         self.note(Input::Drop { what });
         self.runtime.population.world.drop_in(what)
     }

@@ -1,4 +1,4 @@
-//! What an arena holds beside fixed obstacles: movers, patches of floor, and coloured objects.
+//! What an arena holds beside obstacles and coloured objects: movers, and patches of floor.
 
 use serde::{Deserialize, Serialize};
 
@@ -102,96 +102,6 @@ impl Patch {
             w: self.w,
             h: self.h,
             theta: self.theta,
-        }
-    }
-}
-
-/// A coloured thing that stands on the floor.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Object {
-    /// What it looks like.
-    pub shape: ObjectShape,
-    /// Centre, metres.
-    pub x: f32,
-    /// Centre, metres.
-    pub y: f32,
-    /// Width and height, metres.
-    pub size: f32,
-    /// Its colour.
-    pub colour: Colour,
-}
-
-/// The shape of an [`Object`]. Each is as high as it is wide.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ObjectShape {
-    /// Upright.
-    Cylinder,
-    /// A cube with its sides along the walls.
-    Box,
-    /// On the floor.
-    Ball,
-    /// Upright, on its base.
-    Cone,
-}
-
-/// The colour of an [`Object`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Colour {
-    /// Red.
-    Red,
-    /// Green.
-    Green,
-    /// Blue.
-    Blue,
-    /// Yellow.
-    Yellow,
-    /// Orange.
-    Orange,
-    /// Purple.
-    Purple,
-    /// White.
-    White,
-    /// Black.
-    Black,
-}
-
-impl Colour {
-    /// Red, green and blue, 0 to 255, in full light.
-    pub const fn rgb(self) -> [u8; 3] {
-        match self {
-            Self::Red => [200, 30, 30],
-            Self::Green => [30, 150, 50],
-            Self::Blue => [30, 70, 190],
-            Self::Yellow => [230, 200, 30],
-            Self::Orange => [235, 120, 25],
-            Self::Purple => [120, 50, 150],
-            Self::White => [240, 240, 240],
-            Self::Black => [20, 20, 20],
-        }
-    }
-}
-
-impl Object {
-    /// The ground it stands on. A ball or a cone is as solid as a cylinder of its width: the
-    /// world is flat.
-    pub const fn body(&self) -> Obstacle {
-        let (x, y, size) = (self.x, self.y, self.size);
-        match self.shape {
-            ObjectShape::Box => Obstacle::Box {
-                x,
-                y,
-                w: size,
-                h: size,
-                theta: 0.0,
-            },
-            ObjectShape::Cylinder | ObjectShape::Ball | ObjectShape::Cone => Obstacle::Circle {
-                x,
-                y,
-                r: size * 0.5,
-            },
         }
     }
 }
