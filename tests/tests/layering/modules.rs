@@ -1,6 +1,6 @@
 //! Within a crate, a module imports from itself and from the layers below its own.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use crawler_tests::root;
@@ -14,6 +14,8 @@ pub(super) struct Crate {
     /// Paths below the crate's root, the lowest layer first. Of several that hold, the longest
     /// does: `a::b` may stand in another layer than the rest of `a`.
     layers: &'static [&'static [&'static str]],
+    /// What modules may have from other crates, where that is held.
+    from_outside: &'static [(&'static str, &'static [&'static str])],
 }
 
 pub(super) const CRATES: &[Crate] = &[
@@ -32,6 +34,7 @@ pub(super) const CRATES: &[Crate] = &[
             &["stream"],
             &["network"],
         ],
+        from_outside: &[],
     },
     Crate {
         folder: "firmware/app",
@@ -74,6 +77,7 @@ pub(super) const CRATES: &[Crate] = &[
             &["link::session"],
             &["link"],
         ],
+        from_outside: &[],
     },
     Crate {
         folder: "host-server/tls",
@@ -84,6 +88,7 @@ pub(super) const CRATES: &[Crate] = &[
             &["certificates", "tunnel"],
             &["shown"],
         ],
+        from_outside: &[],
     },
     Crate {
         folder: "hal-sim",
@@ -95,6 +100,24 @@ pub(super) const CRATES: &[Crate] = &[
             &["run"],
             &["evaluate", "tools"],
             &["live"],
+        ],
+        from_outside: &[
+            // A world is its bodies and the numbers of its hardware: no program, no device, no network, no file.
+            (
+                "world",
+                &[
+                    "crawler_drivers",
+                    "crawler_hal",
+                    "crawler_sim_protocol",
+                    "libm",
+                    "rand_core",
+                    "rand_pcg",
+                    "serde",
+                ],
+            ),
+            ("faults", &["crawler_protocol", "serde"]),
+            ("sched", &["branches", "crawler_hal", "embassy_sync"]),
+            ("render", &["libm"]),
         ],
     },
 ];
@@ -115,6 +138,14 @@ fn modules_import_from_the_layers_below_their_own() {
                 one.folder
             );
         }
+        let needs = needs(&root().join(one.folder));
+        for (module, allowed) in one.from_outside {
+            let known = modules(&root_file).iter().any(|one| one == module);
+            assert!(known, "{}: `{module}` is gone", one.folder);
+            for name in *allowed {
+                assert!(needs.contains(*name), "{}: {name} is gone", one.folder);
+            }
+        }
         let mut seen = Vec::new();
         for (path, text) in program(&source) {
             let module = module_of(path.strip_prefix(&source).expect("below the folder"));
@@ -122,11 +153,19 @@ fn modules_import_from_the_layers_below_their_own() {
                 continue; // the root, which exports from everywhere
             };
             seen.push(own);
-            for (line, import) in imports(&text, &module) {
-                if let Some(what) = one.fault(own, &import, &exported) {
-                    let file = path.strip_prefix(root()).expect("in the repository");
-                    findings.push(format!("{}:{line} {what}", file.display()));
-                }
+            let found = seen_in(&text, &module);
+            let inside = found
+                .inside
+                .into_iter()
+                .filter_map(|(line, import)| Some((line, one.fault(own, &import, &exported)?)));
+            let outside = found
+                .outside
+                .into_iter()
+                .filter(|(_, name)| needs.contains(name))
+                .filter_map(|(line, name)| Some((line, one.fault_outside(&module, &name)?)));
+            for (line, what) in inside.chain(outside) {
+                let file = path.strip_prefix(root()).expect("in the repository");
+                findings.push(format!("{}:{line} {what}", file.display()));
             }
         }
         for layer in one.layers {
@@ -159,6 +198,14 @@ impl Crate {
             .flat_map(|(layer, entries)| entries.iter().map(move |&entry| (layer, entry)))
             .filter(|(_, entry)| holds(entry))
             .max_by_key(|(_, entry)| entry.len())
+    }
+
+    /// What is wrong about a module that names another crate, if anything is.
+    fn fault_outside(&self, module: &[String], name: &str) -> Option<String> {
+        let own = module.first()?;
+        let (_, allowed) = self.from_outside.iter().find(|(held, _)| held == own)?;
+        let allowed = allowed.contains(&name);
+        (!allowed).then(|| format!("(`{own}`) has {name} from outside"))
     }
 
     /// What is wrong about a module of `own` that imports `path`, if anything is.
@@ -250,27 +297,55 @@ fn leaves(tree: &syn::UseTree, above: &mut Vec<String>, found: &mut Vec<(String,
 /// Lines of a file of `module`, and the paths from the crate's root that are named there outside
 /// of tests.
 pub(super) fn imports(text: &str, module: &[String]) -> Vec<(usize, Vec<String>)> {
+    seen_in(text, module).inside
+}
+
+fn seen_in(text: &str, module: &[String]) -> Imports {
     let file = syn::parse_file(text).expect("valid Rust");
     let mut imports = Imports {
         module: module.to_vec(),
-        found: Vec::new(),
+        inside: Vec::new(),
+        outside: Vec::new(),
     };
     imports.visit_file(&file);
-    imports.found
+    imports
 }
 
+/// Names, as Rust has them, of what a crate depends on outside of its tests.
+fn needs(folder: &Path) -> BTreeSet<String> {
+    let manifest = std::fs::read_to_string(folder.join("Cargo.toml")).expect("Cargo.toml");
+    let mut needs = BTreeSet::new();
+    let mut counts = false;
+    for line in manifest.lines() {
+        if line.starts_with('[') {
+            counts = line.ends_with("dependencies]") && !line.contains("-dependencies]");
+        } else if counts && let Some((name, _)) = line.split_once(['.', ' ', '=']) {
+            needs.insert(name.replace('-', "_"));
+        }
+    }
+    needs
+}
+
+/// What is named in a file, outside of tests.
 struct Imports {
     module: Vec<String>,
-    found: Vec<(usize, Vec<String>)>,
+    /// Lines, and paths from the crate's root.
+    inside: Vec<(usize, Vec<String>)>,
+    /// Lines, and first names of other paths.
+    outside: Vec<(usize, String)>,
 }
 
 impl Imports {
-    /// Takes in a path that begins with `crate`, `self` or `super`; others lead to other crates or
-    /// to what the module has already.
+    /// Takes in a path. One that begins with `crate`, `self` or `super` leads into the crate; others lead to other
+    /// crates, or to what the module has already.
     fn take(&mut self, line: usize, path: &[String]) {
         let mut from = match path.first().map(String::as_str) {
             Some("crate") => Vec::new(),
             Some("self" | "super") => self.module.clone(),
+            Some(name) if path.len() > 1 => {
+                self.outside.push((line, name.to_owned()));
+                return;
+            }
             _ => return,
         };
         for part in path {
@@ -282,7 +357,7 @@ impl Imports {
                 part => from.push(part.to_owned()),
             }
         }
-        self.found.push((line, from));
+        self.inside.push((line, from));
     }
 
     /// Paths in what is handed to a macro, which is no syntax yet.
@@ -398,13 +473,25 @@ fn the_check_finds_what_it_looks_for() {
         paths.sort();
         assert_eq!(found, paths, "{text}");
     }
+    let found = seen_in(
+        "use tokio::{net, time}; fn f() { serde::g(rand); h!(x, mcap::Y) }",
+        &[],
+    );
+    let outside: Vec<&str> = found
+        .outside
+        .iter()
+        .map(|(_, name)| name.as_str())
+        .collect();
+    assert_eq!(outside, ["tokio", "tokio", "serde", "mcap"]);
     let table = Crate {
         folder: "",
         layers: &[&["a", "b"], &["c", "c::low"], &["d"]],
+        from_outside: &[],
     };
     let below = Crate {
         folder: "",
         layers: &[&["c::low"], &["c"]],
+        from_outside: &[],
     };
     let root = syn::parse_file("mod a; pub use d::{Word, e::Other}; pub(crate) use self::a::F;");
     let exported = exported(&root.expect("valid Rust"));
@@ -419,6 +506,13 @@ fn the_check_finds_what_it_looks_for() {
         assert!(fault(&table, "a", path), "{path}");
     }
     assert!(!fault(&table, "a", "F") && !fault(&table, "a", "a::other"));
+    let held = Crate {
+        from_outside: &[("a", &["serde"])],
+        ..table
+    };
+    assert!(held.fault_outside(&names("a::b"), "tokio").is_some());
+    assert!(held.fault_outside(&names("a"), "serde").is_none());
+    assert!(held.fault_outside(&names("c"), "tokio").is_none());
     assert!(fault(&below, "c::low", "c::X") && !fault(&below, "c", "c::low::X"));
     assert_eq!(module_of(Path::new("a/b.rs")), ["a", "b"]);
     assert_eq!(module_of(Path::new("a/mod.rs")), ["a"]);
