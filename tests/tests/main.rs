@@ -1,6 +1,7 @@
 //! Every test end to end, and every check of the repository, in one program, so that server and simulator are
 //! linked once and not for each file. cargo-nextest gives each test a process of its own all the same.
 
+mod bodies;
 mod book;
 mod browser;
 mod chaos_live;

@@ -97,7 +97,7 @@ impl Simulation {
         &self.runtime.population.world
     }
 
-    /// The world, to break things in it. Its robots and its time are the simulation's to change.
+    /// The world, to break things in it past the journal. Its robots and its time are the simulation's to change.
     pub fn world_mut(&mut self) -> &mut World {
         &mut self.runtime.population.world
     }
