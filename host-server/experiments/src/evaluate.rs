@@ -1,5 +1,6 @@
 //! `terracrawler evaluate`: a scenario on many seeds, and what comes of it.
 
+mod against;
 mod compare;
 mod hunt;
 mod output;
@@ -22,6 +23,7 @@ use crawler_sim::scenario::{Scenario, Threshold, Trained};
 use crawler_system::cli_error::{CliError, OrSay as _};
 
 use crate::scenarios::{self, Changes, Randomisation, quoted};
+use against::Other;
 use compare::Baseline;
 use output::{can_write, explain, write_file};
 use progress::Progress;
@@ -31,6 +33,9 @@ use provenance::Provenance;
 const MOST_RUNS: u64 = 1_000_000;
 /// Most runs with parameters of their own: each has a scenario of its own until the end.
 const MOST_DRAWN: u64 = 100_000;
+/// Least and most error of a comparison: nobody waits for less, and more is nothing to go by.
+const LEAST_ERROR: f64 = 1e-6;
+const MOST_ERROR: f64 = 0.5;
 /// What a policy is called that is given as a file.
 const GIVEN: &str = "given";
 /// Failing seeds that are named on the terminal; the files have all.
@@ -83,6 +88,13 @@ pub struct EvaluateArgs {
     /// Earlier file of `--json`: tells the differences between runs of one seed, with intervals
     #[arg(long, value_name = "FILE", conflicts_with_all = ["sweep", "monte_carlo", "adversarial"])]
     pub compare: Option<PathBuf>,
+    /// Who drives the same seeds, `program`, `wander`, or a policy as above: runs are made in pairs, until it is known who
+    /// succeeds more often, or there are as many pairs as seeds
+    #[arg(long, value_name = "WHO", value_parser = Other::parse, conflicts_with_all = ["sweep", "monte_carlo", "adversarial", "compare", "csv", "threshold"])]
+    pub against: Option<Other>,
+    /// How often at most one is called better although neither is
+    #[arg(long, value_name = "SHARE", default_value_t = 0.05, value_parser = parse_error, requires = "against")]
+    pub error: f64,
     /// Values for a key, like `parameters.chassis.running_v=0.4:0.9:6`; twice for a grid
     #[arg(long, value_name = "KEY=LEAST:MOST:POINTS", conflicts_with_all = ["monte_carlo", "adversarial"])]
     pub sweep: Vec<Axis>,
@@ -122,7 +134,17 @@ fn parse_driver(name: &str) -> Result<Driver, CliError> {
     })
 }
 
-/// Runs the evaluation. Success when all thresholds are met; 1 when one is not, 2 when the options
+fn parse_error(text: &str) -> Result<f64, CliError> {
+    let share = text.parse().ok();
+    let share = share.filter(|share| (LEAST_ERROR..=MOST_ERROR).contains(share));
+    share.ok_or_else(|| {
+        CliError::new(format!(
+            "`{text}` is no number from {LEAST_ERROR} to {MOST_ERROR}"
+        ))
+    })
+}
+
+/// Runs the evaluation. Success when all thresholds are met; 1 when one is not, or who drives is worse than who else does; 2 when the options
 /// cannot be used, 130 when it was interrupted.
 #[must_use]
 pub fn run(args: &EvaluateArgs) -> ExitCode {
@@ -137,6 +159,9 @@ fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, CliError> {
     }
     let baseline = args.compare.as_deref().map(Baseline::read).transpose()?;
     let stop = stop_on_interrupt()?;
+    if let Some(other) = &args.against {
+        return against::run(args, &scenario, other, &stop);
+    }
     if args.adversarial {
         return hunt::run(args, scenario, &stop);
     }
@@ -203,6 +228,16 @@ fn bounds(jobs: &[Job<'_>], stop: &AtomicBool) -> Vec<Trial> {
 
 /// The scenario as the options want it.
 pub(crate) fn scenario(args: &EvaluateArgs) -> Result<Scenario, CliError> {
+    scenario_driven(args, args.driver, args.policy.as_deref(), "--policy")
+}
+
+/// The same for this driver, or for robots that drive by a policy, which `option` has named.
+fn scenario_driven(
+    args: &EvaluateArgs,
+    driver: Driver,
+    policy: Option<&Path>,
+    option: &str,
+) -> Result<Scenario, CliError> {
     let changes = Changes {
         robots: args.robots,
         randomisation: args.randomisation,
@@ -215,11 +250,11 @@ pub(crate) fn scenario(args: &EvaluateArgs) -> Result<Scenario, CliError> {
             "a world without robots cannot fail: there is nothing to evaluate",
         ));
     }
-    let scenario = match &args.policy {
-        Some(path) => driven_by(path, scenario)?,
+    let scenario = match policy {
+        Some(path) => driven_by(path, scenario, option)?,
         None => scenario,
     };
-    match args.driver {
+    match driver {
         Driver::Program => Ok(scenario),
         Driver::Wander => Ok(wandering(scenario)),
         Driver::Ideal if scenario.goals.is_empty() => Err(CliError::new(
@@ -234,8 +269,8 @@ pub(crate) fn scenario(args: &EvaluateArgs) -> Result<Scenario, CliError> {
 }
 
 /// The scenario for robots that drive by the policy of this name, or in this file.
-fn driven_by(path: &Path, scenario: Scenario) -> Result<Scenario, CliError> {
-    let told = |why: &dyn Display| format!("--policy {}: {why}", shown(path));
+fn driven_by(path: &Path, scenario: Scenario, option: &str) -> Result<Scenario, CliError> {
+    let told = |why: &dyn Display| format!("{option} {}: {why}", shown(path));
     let policy = if let Some(shipped) = path.to_str().and_then(Trained::shipped) {
         shipped
     } else {

@@ -9,6 +9,7 @@
 //! - [`evaluate`]: the same on the command line, with sweeps, drawn parameters and the search for a run that
 //!   breaks something. It runs and judges trials by the same means (`crawler_sim::evaluate`), so both come to
 //!   the same numbers.
+//! - [`sequential`]: whether one of two is better, asked after each pair of runs.
 //! - `recipe` reads what an experiment is asked to be, `control` makes, starts, pauses and ends it, `worker` claims its
 //!   parts and stores what comes of them, `board` has those of this process and runs their trials, `keeper` counts
 //!   trials, `results` has what they come to.
@@ -16,6 +17,7 @@
 
 pub mod evaluate;
 pub mod scenarios;
+pub mod sequential;
 
 mod board;
 mod control;

@@ -38,6 +38,10 @@ impl<'a> Provenance<'a> {
             let path = path.display().to_string();
             let _ = write!(options, " --policy {}", super::quoted(&path));
         }
+        if let Some(other) = &args.against {
+            let other = super::quoted(&other.to_string());
+            let _ = write!(options, " --against {other} --error {}", args.error);
+        }
         Self {
             args,
             scenario,
