@@ -9,7 +9,7 @@ use std::time::Duration;
 use crate::run::{self, Failure, Outcome};
 
 /// What the tests take, in releases that are known to get along with each other.
-const TOOLS: [&str; 7] = [
+const TOOLS: [&str; 8] = [
     "flit_core==4.2.0",
     "gymnasium==1.4.0",
     "mypy==2.4.1",
@@ -17,6 +17,7 @@ const TOOLS: [&str; 7] = [
     "pettingzoo==1.27.0",
     "pytest==9.2.0",
     "ruff==0.17.6",
+    "tensorboard==2.21.0",
 ];
 /// For installing them.
 const PATIENCE: Duration = Duration::from_mins(5);
