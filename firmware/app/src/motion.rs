@@ -4,14 +4,15 @@ pub mod angle;
 #[cfg(test)]
 mod correction_tests;
 mod odometry;
+mod radians;
 mod ramp;
 #[cfg(test)]
 mod tests;
 
 use crate::config::Geometry;
 
-pub(crate) use odometry::wrap;
 pub use odometry::{Correction, Odometry};
+pub(crate) use radians::wrap;
 pub use ramp::{DEAD_TIME, Ramp};
 
 /// Motion of the whole robot.

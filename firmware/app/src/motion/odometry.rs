@@ -15,7 +15,7 @@ use core::f32::consts::PI;
 use crawler_hal::Duration;
 use crawler_protocol::Pose;
 
-use super::settled_speed;
+use super::{settled_speed, wrap};
 use crate::config::Geometry;
 
 /// Growth of sigma per metre driven: load, floor and charge change the speed under one duty by
@@ -344,13 +344,4 @@ fn fuse(estimated: f32, measured: f32) -> (f32, f32) {
     let gain = p / (p + r);
     let best = estimated.min(measured * BEST_SHARE);
     (gain, libm::sqrtf(gain * r).clamp(best, estimated))
-}
-
-/// The same angle, above −π and up to π.
-pub(crate) fn wrap(angle: f32) -> f32 {
-    if angle > -PI && angle <= PI {
-        return angle;
-    }
-    let angle = libm::remainderf(angle, 2.0 * PI);
-    if angle <= -PI { PI } else { angle }
 }
