@@ -12,7 +12,7 @@ mod tests;
 use crate::config::Geometry;
 
 pub use odometry::{Correction, Odometry};
-pub(crate) use radians::wrap;
+pub(crate) use radians::{sin_cos, wrap};
 pub use ramp::{DEAD_TIME, Ramp};
 
 /// Motion of the whole robot.

@@ -3,7 +3,7 @@
 use crawler_protocol::Pose;
 
 use crate::motion::angle::{Angle, ONE, PoseMm, length, turned, unit};
-use crate::motion::{Twist, wrap};
+use crate::motion::{Twist, sin_cos, wrap};
 
 /// Turning rate per radian of heading error, per second. The wheels follow with a lag of about
 /// 0.1 s, so that 2.5/s comes in without overshoot.
@@ -63,7 +63,7 @@ pub fn goto_twist(
     let v = if libm::fabsf(error) > TURN_IN_PLACE {
         0.0
     } else {
-        speed * (distance / SLOW_WITHIN).clamp(SLOWEST, 1.0) * libm::cosf(error)
+        speed * (distance / SLOW_WITHIN).clamp(SLOWEST, 1.0) * sin_cos(error)[1]
     };
     Some(Twist { v, w })
 }

@@ -15,7 +15,7 @@ use core::f32::consts::PI;
 use crawler_hal::Duration;
 use crawler_protocol::Pose;
 
-use super::{settled_speed, wrap};
+use super::{settled_speed, sin_cos, wrap};
 use crate::config::Geometry;
 
 /// Growth of sigma per metre driven: load, floor and charge change the speed under one duty by
@@ -240,8 +240,8 @@ impl Odometry {
             return self.adopt(fix, fix_turn);
         };
         let off = offset(fix, self.pose);
-        let within = off[0] <= GATE * libm::hypotf(self.pose.sigma, fix.sigma) + driven
-            && off[1] <= GATE * libm::hypotf(self.turn_sigma, fix_turn) + turned;
+        let within = is_near(off[0] - driven, self.pose.sigma, fix.sigma)
+            && is_near(off[1] - turned, self.turn_sigma, fix_turn);
         if within {
             self.weigh(fix, fix_turn);
             return Correction::Weighed;
@@ -320,7 +320,7 @@ fn less(a: f32, b: f32) -> f32 {
 
 /// `pose` after an arc of `forward` metres that turns by `turn` radians.
 fn moved(pose: Pose, forward: f32, turn: f32) -> Pose {
-    let (sin, cos) = libm::sincosf(pose.theta + turn * 0.5);
+    let [sin, cos] = sin_cos(pose.theta + turn * 0.5);
     Pose {
         x: pose.x + forward * cos,
         y: pose.y + forward * sin,
@@ -331,10 +331,16 @@ fn moved(pose: Pose, forward: f32, turn: f32) -> Pose {
 
 /// Distance and angle between two poses.
 fn offset(a: Pose, b: Pose) -> [f32; 2] {
+    let (x, y) = (a.x - b.x, a.y - b.y);
     [
-        libm::hypotf(a.x - b.x, a.y - b.y),
+        libm::sqrtf(x * x + y * y),
         libm::fabsf(wrap(a.theta - b.theta)),
     ]
+}
+
+/// Whether two estimates of such deviations may be so far apart by chance.
+fn is_near(off: f32, one: f32, other: f32) -> bool {
+    off <= 0.0 || off * off <= GATE * GATE * (one * one + other * other)
 }
 
 /// Weight of a measurement of deviation `measured` against an estimate of deviation `estimated`,

@@ -8,6 +8,7 @@ use crate::behaviour::Course;
 use crate::context::Snapshot;
 use crate::hold::{Blank, Room};
 use crate::motion::angle::{PoseMm, millimetres};
+use crate::motion::sin_cos;
 use crate::navigation::{Destination, Look, Navigator, Other, Place, Planned};
 
 /// Looks without a place to go to after which all is forgotten: half a minute.
@@ -110,9 +111,9 @@ pub(super) fn course_of(at: &Snapshot, going: Destination) -> Course {
 }
 
 fn place_of(pose: &Pose) -> Place {
+    let [sin, cos] = sin_cos(pose.theta);
     Place {
         at: [pose.x, pose.y].map(|along| (along * 1_000.0) as i32),
-        heading: [libm::cosf(pose.theta), libm::sinf(pose.theta)]
-            .map(|part| (part * 4_096.0) as i32),
+        heading: [cos, sin].map(|part| (part * 4_096.0) as i32),
     }
 }
