@@ -254,11 +254,12 @@ struct Cut(String<LOG_TEXT>);
 
 impl core::fmt::Write for Cut {
     fn write_str(&mut self, text: &str) -> core::fmt::Result {
-        for character in text.chars() {
-            if self.0.push(character).is_err() {
-                break;
-            }
+        let mut fits = text.len().min(LOG_TEXT - self.0.len());
+        while !text.is_char_boundary(fits) {
+            fits -= 1;
         }
+        // There is room for that much.
+        let _ = self.0.push_str(&text[..fits]);
         Ok(())
     }
 }
