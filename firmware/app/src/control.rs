@@ -129,6 +129,8 @@ pub struct ControlLoop {
     /// The robot itself, as neighbours have it.
     own: u32,
     near: Near,
+    /// Whether it has looked around since it took a position reference.
+    looked: bool,
 }
 
 impl ControlLoop {
@@ -142,6 +144,7 @@ impl ControlLoop {
             looking: false,
             own: name_of(&robot.config().id),
             near: Near::new(),
+            looked: false,
         }
     }
 
@@ -204,10 +207,25 @@ impl ControlLoop {
             self.controller.set_tuning(tuning_of(&robot));
         }
         let battery = robot.battery();
-        if !self.controller.wants_neighbours() {
+        // A step that is told to do something else has enough to do.
+        let is_told = woken_by.is_some() || taken.is_some() || order.is_some();
+        let takes_fix = !is_told && self.controller.takes_fix() && robot.fix_waits();
+        let by_others = self.controller.wants_neighbours();
+        // A reference and a look around are too much for one step: they take turns.
+        let looks =
+            by_others && !is_told && self.controller.looks_around() && !(takes_fix && self.looked);
+        if !by_others {
             self.near.forget();
-        } else if self.controller.looks_around() {
+        } else if looks {
             robot.look_around(&mut self.near, now);
+        }
+        let fix = if takes_fix && !looks {
+            robot.take_fix()
+        } else {
+            None
+        };
+        if looks || fix.is_some() {
+            self.looked = looks;
         }
         if let Some(goal) = robot.take_goal_before_restart()
             && robot.boot().was_asked_for()
@@ -218,11 +236,7 @@ impl ControlLoop {
             reading: robot.reading(),
             charge: battery.charge,
             voltage: battery.voltage,
-            fix: if self.controller.takes_fix() {
-                robot.take_fix()
-            } else {
-                None
-            },
+            fix,
             view: view.as_ref(),
             near: self.near.as_slice(),
             own: self.own,

@@ -97,6 +97,11 @@ impl<M: RawMutex> Tracking<M> {
         }
     }
 
+    /// Whether one waits.
+    pub(crate) fn waits(&self) -> bool {
+        self.with(|state| state.newest.is_some())
+    }
+
     /// The newest fix that was not taken yet.
     pub(crate) fn take(&self) -> Option<Fix> {
         self.with(|state| state.newest.take())

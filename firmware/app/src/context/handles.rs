@@ -289,6 +289,11 @@ impl<'a, M: RawMutex> ControlHandle<'a, M> {
         self.0.sights.want(wanted);
     }
 
+    /// Whether an outside position reference waits.
+    pub(crate) fn fix_waits(self) -> bool {
+        self.0.tracking.waits()
+    }
+
     /// Takes the newest outside position reference, if it was not taken yet.
     pub(crate) fn take_fix(self) -> Option<Fix> {
         self.0.tracking.take()

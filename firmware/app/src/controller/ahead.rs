@@ -124,8 +124,17 @@ impl Controller {
         match self.state.goal() {
             Some(Goal::Policy { .. }) => self.pilot.looks_around(),
             Some(Goal::Wander { .. }) => self.rules,
-            Some(_) | None => self.rules || self.wanted.is_none(),
+            Some(_) | None => self.rules || self.is_without_a_word(),
         }
+    }
+
+    /// Whether a rule that goes by others is to be asked in the next step, because it has not been since the robot moves.
+    const fn is_without_a_word(&self) -> bool {
+        matches!(
+            self.state,
+            State::Moving(Goal::Swarm(_) | Goal::Mission { .. })
+                | State::Caution(Goal::Swarm(_) | Goal::Mission { .. })
+        ) && self.wanted.is_none()
     }
 
     /// Whether the next step has time for a position reference: it says when it is of, so that it is no worse a few steps
@@ -134,7 +143,7 @@ impl Controller {
         match self.state.goal() {
             Some(Goal::Policy { .. }) => self.pilot.has_time(),
             Some(Goal::Wander { .. } | Goal::Swarm(_) | Goal::Mission { .. }) => {
-                self.looks_around()
+                self.rules && !self.is_without_a_word()
             }
             Some(Goal::Manual { .. } | Goal::Goto { .. }) | None => true,
         }
@@ -288,7 +297,15 @@ impl Controller {
         if !matches!(self.state, State::Moving(_) | State::Caution(_)) {
             self.wanted = None;
         }
-        let asked = self.rules || self.wanted.is_none();
+        let by_others = matches!(
+            self.state.goal(),
+            Some(Goal::Swarm(_) | Goal::Mission { .. })
+        );
+        if by_others && inputs.order.is_some() {
+            // Nobody has been told of others yet, or not for this: the rule has the next step to itself.
+            return Twist::ZERO;
+        }
+        let asked = self.rules || self.is_without_a_word();
         if let Some(Goal::Mission { .. }) = self.state.goal()
             && asked
         {
