@@ -299,6 +299,26 @@ impl Rig<'_, '_> {
     }
 }
 
+/// The dearest steps in which a robot is told what to do.
+#[derive(Default)]
+struct Told {
+    order: u64,
+    halt: u64,
+}
+
+impl Told {
+    /// Lets the control loop take the order that waits.
+    fn order(&mut self, rig: &mut Rig<'_, '_>) {
+        self.order = self.order.max(rig.most_of(CONTROL, 20));
+    }
+
+    /// Lets the control loop take the halt that waits, for which it is woken at once.
+    fn halt(&mut self, rig: &mut Rig<'_, '_>) {
+        rig.subjects[CONTROL].wake_us.set(rig.now_us.get());
+        self.halt = self.halt.max(rig.most_of(CONTROL, 0));
+    }
+}
+
 struct Memory(UnsafeCell<[u8; FLASH_BYTES]>);
 
 // SAFETY: used by `main` alone, which runs once.
@@ -422,6 +442,7 @@ fn measure(robot: &Robot<CriticalSectionRawMutex>, rig: &mut Rig<'_, '_>) {
     expect(RobotState::Idle, "the robot did not get ready");
     tell("control_idle", rig.most_of(CONTROL, 1_000));
 
+    let mut told = Told::default();
     order(
         rig,
         Action::Move {
@@ -430,16 +451,20 @@ fn measure(robot: &Robot<CriticalSectionRawMutex>, rig: &mut Rig<'_, '_>) {
             duration_ms: 3_000,
         },
     );
-    rig.run(100);
+    told.order(rig);
+    rig.run(80);
+    swarm::locate(robot, rig);
     tell("control_driving", rig.most_of(CONTROL, 1_000));
     expect(RobotState::Moving, "the robot did not move");
     rig.run(3_000);
 
     order(rig, Action::Behave(BehaviourSpec::Wander { speed: 60 }));
-    rig.run(100);
+    told.order(rig);
+    rig.run(80);
     let mut met_a_wall = false;
     let mut most = 0;
     for _ in 0..60 {
+        swarm::locate(robot, rig);
         most = most.max(rig.most_of(CONTROL, 500));
         let state = robot.snapshot().state;
         met_a_wall |= matches!(state, RobotState::Caution | RobotState::Avoiding);
@@ -449,13 +474,16 @@ fn measure(robot: &Robot<CriticalSectionRawMutex>, rig: &mut Rig<'_, '_>) {
     }
     tell("control_wandering", most);
     order(rig, Action::Stop);
+    told.halt(rig);
     rig.run(1_000);
-    swarm::measure(robot, rig, &mut order);
+    swarm::measure(robot, rig, &mut told, &mut order);
 
     order(rig, Action::Goto { x: 4.0, y: 3.0 });
-    rig.run(100);
+    told.order(rig);
+    rig.run(80);
     let (mut most, mut slice) = (0, 0);
     for _ in 0..16 {
+        swarm::locate(robot, rig);
         most = most.max(rig.most_of(CONTROL, 500));
         slice = slice.max(rig.most[SENSE]);
         if robot.snapshot().behaviour != BehaviourName::Goto {
@@ -465,7 +493,10 @@ fn measure(robot: &Robot<CriticalSectionRawMutex>, rig: &mut Rig<'_, '_>) {
     tell("control_going", most);
     tell("navigate_slice", slice);
     order(rig, Action::Stop);
+    told.halt(rig);
     rig.run(1_000);
+    tell("control_told", told.order);
+    tell("control_halted", told.halt);
 
     rig.taken = 0;
     rig.run(READINGS as u64 * 200);

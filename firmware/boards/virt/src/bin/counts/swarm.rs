@@ -9,7 +9,7 @@ use crawler_protocol::{
 };
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 
-use super::{CONTROL, DECIDE, Rig, fail, tell};
+use super::{CONTROL, DECIDE, Rig, Told, fail, tell};
 
 /// Neighbours that a message tells.
 const EACH: usize = 8;
@@ -19,10 +19,11 @@ const TOLD_EVERY_MS: u64 = 100;
 const MESSAGES: u32 = 160;
 const LEADER: &str = "r0";
 
-/// Tells the dearest control step of each behaviour; `order` gives an order.
+/// Tells the dearest control step of each behaviour, with a position reference every second; `order` gives an order.
 pub(super) fn measure<'a, 'b>(
     robot: &Robot<CriticalSectionRawMutex>,
     rig: &mut Rig<'a, 'b>,
+    told: &mut Told,
     mut order: impl FnMut(&Rig<'a, 'b>, Action),
 ) {
     let places = |places: &[[f32; 2]]| Places::new(places).unwrap_or_else(|| fail("places"));
@@ -98,17 +99,16 @@ pub(super) fn measure<'a, 'b>(
         tell_neighbours(robot, rig, behaviour, 0);
         tell_neighbours(robot, rig, behaviour, 1);
         order(rig, Action::Behave(spec));
-        rig.run(TOLD_EVERY_MS);
+        told.order(rig);
         let (mut most, mut layer) = (0, 0);
         rig.decisions = 0;
         for message in 0..MESSAGES {
             tell_neighbours(robot, rig, behaviour, message);
-            most = most.max(rig.most_of(CONTROL, TOLD_EVERY_MS));
-            layer = layer.max(rig.most[DECIDE]);
             if message % 10 == 9 {
                 locate(robot, rig);
-                rig.run(TOLD_EVERY_MS);
             }
+            most = most.max(rig.most_of(CONTROL, TOLD_EVERY_MS));
+            layer = layer.max(rig.most[DECIDE]);
         }
         if robot.snapshot().behaviour != behaviour {
             fail(name);
@@ -119,12 +119,13 @@ pub(super) fn measure<'a, 'b>(
             tell("policy_layer", layer);
         }
         order(rig, Action::Stop);
+        told.halt(rig);
         rig.run(1_000);
     }
 }
 
 /// Makes the robot sure of its place.
-fn locate(robot: &Robot<CriticalSectionRawMutex>, rig: &Rig<'_, '_>) {
+pub(super) fn locate(robot: &Robot<CriticalSectionRawMutex>, rig: &Rig<'_, '_>) {
     let fix = PoseFix {
         robot: robot.config().id.clone(),
         timestamp: 0,
