@@ -131,6 +131,8 @@ pub struct ControlLoop {
     near: Near,
     /// Whether it has looked around since it took a position reference.
     looked: bool,
+    /// Whether the step before took an order or a halt.
+    told: bool,
 }
 
 impl ControlLoop {
@@ -145,6 +147,7 @@ impl ControlLoop {
             own: name_of(&robot.config().id),
             near: Near::new(),
             looked: false,
+            told: false,
         }
     }
 
@@ -207,13 +210,16 @@ impl ControlLoop {
             self.controller.set_tuning(tuning_of(&robot));
         }
         let battery = robot.battery();
-        // A step that is told to do something else has enough to do.
+        // A step that is told to do something has enough to do; but not one after the other, or whoever floods it with
+        // orders would make it blind.
         let is_told = woken_by.is_some() || taken.is_some() || order.is_some();
-        let takes_fix = !is_told && self.controller.takes_fix() && robot.fix_waits();
+        let has_time = !is_told || self.told;
+        self.told = is_told;
+        let takes_fix = has_time && self.controller.takes_fix() && robot.fix_waits();
         let by_others = self.controller.wants_neighbours();
         // A reference and a look around are too much for one step: they take turns.
         let looks =
-            by_others && !is_told && self.controller.looks_around() && !(takes_fix && self.looked);
+            by_others && has_time && self.controller.looks_around() && !(takes_fix && self.looked);
         if !by_others {
             self.near.forget();
         } else if looks {

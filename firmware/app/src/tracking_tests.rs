@@ -1,12 +1,13 @@
 //! Which fixes are taken, and what becomes of the others.
 
 use crawler_hal::{Duration, Instant};
-use crawler_protocol::{Pose, PoseFix, RobotId};
+use crawler_protocol::{Action, Command, Pose, PoseFix, RobotId, Source};
 use proptest::prelude::*;
 use std::vec::Vec;
 
 use super::{AHEAD, FRESH_FOR, Fix, Refusal, TOLD_EVERY};
-use crate::testing::{TestRobot, robot};
+use crate::control::ControlLoop;
+use crate::testing::{TestRng, TestRobot, robot};
 
 const BOOTED_MS: u64 = 1_700_000_000_000;
 const NOW: Instant = Instant::from_millis(10_000);
@@ -119,6 +120,31 @@ fn nonsense_is_refused_counted_and_told_now_and_then() {
     let later = NOW + TOLD_EVERY + Duration::from_millis(1);
     let _ = robot.observe_fix(b"", later);
     assert_eq!(logs(later), 1);
+}
+
+#[test]
+fn orders_at_every_step_do_not_keep_a_reference_from_control() {
+    let robot = synchronised();
+    robot.store_handle().set_loaded();
+    let mut control = ControlLoop::new(&robot);
+    let mut rng = TestRng(1);
+    let payload = json("seen", NOW_MS, POSE);
+    assert_eq!(robot.observe_fix(&payload, NOW), Ok(()));
+    let mut step = |number: u64| {
+        let now = NOW + Duration::from_millis(20 * number);
+        let command = Command {
+            action: Action::Identify,
+            timestamp: 0,
+            seq: number + 1,
+            source: Source::new("flood").expect("legal"),
+        };
+        assert!(robot.route(&command, now, |_| ()).is_ok());
+        let outputs = control.turn(&robot, None, false, &mut rng, now);
+        assert!(outputs.identify, "the order was not taken");
+        control.controller().pose()
+    };
+    assert_eq!(step(0), Pose::default(), "an order and a reference at once");
+    assert_eq!(step(1), POSE);
 }
 
 proptest! {

@@ -297,12 +297,8 @@ impl Controller {
         if !matches!(self.state, State::Moving(_) | State::Caution(_)) {
             self.wanted = None;
         }
-        let by_others = matches!(
-            self.state.goal(),
-            Some(Goal::Swarm(_) | Goal::Mission { .. })
-        );
-        if by_others && inputs.order.is_some() {
-            // Nobody has been told of others yet, or not for this: the rule has the next step to itself.
+        if inputs.order.is_some() && self.is_without_a_word() {
+            // The order has begun this, and the robot has not been told of others for it: the rule is asked in the next step.
             return Twist::ZERO;
         }
         let asked = self.rules || self.is_without_a_word();
