@@ -145,25 +145,11 @@ impl Population {
         let number = self.machines.len();
         let wiring = self.programs.scenario().wiring(number);
         let (index, parts) = self.world.place(pose, wiring)?;
-        let started = parts.as_ref().map(|parts| &parts.started);
-        let config = self.programs.config(number, started, uplink);
-        let id = config.id.clone();
-        let robot = parts.is_some().then(|| machine::context(config));
         // Also for robots of other shards.
         let link = uplink.add_link(number, (pose.x, pose.y));
-        let program = robot
-            .as_ref()
-            .zip(parts)
-            .map(|(robot, parts)| self.start(robot, parts, (number, link), uplink));
-        self.machines.push(Machine {
-            id,
-            index,
-            robot,
-            program,
-            link,
-            boots: 1,
-            history: Fingerprint::new(),
-        });
+        let runs_here = parts.is_some();
+        let before = (1, Fingerprint::new());
+        self.enlist((index, link), parts, runs_here, before, uplink);
         Ok(number)
     }
 
@@ -179,21 +165,36 @@ impl Population {
         let number = self.machines.len();
         let wiring = self.programs.scenario().wiring(number);
         let (index, parts) = self.world.put_back(kept, number, wiring);
+        let runs_here = !kept.is_removed(number);
+        let boots = boots + u32::from(runs_here && parts.is_some());
+        self.enlist((index, number), parts, runs_here, (boots, history), uplink);
+    }
+
+    /// Takes in the robot of a body and a link, and boots it if it runs here and the body hands over something to run on.
+    fn enlist(
+        &mut self,
+        (index, link): (RobotIndex, usize),
+        parts: Option<BodyParts>,
+        runs_here: bool,
+        (boots, history): (u32, Fingerprint),
+        uplink: &Uplink,
+    ) {
+        let number = self.machines.len();
         let started = parts.as_ref().map(|parts| &parts.started);
         let config = self.programs.config(number, started, uplink);
         let id = config.id.clone();
-        let robot = (!kept.is_removed(number)).then(|| machine::context(config));
+        let robot = runs_here.then(|| machine::context(config));
         let program = robot
             .as_ref()
             .zip(parts)
-            .map(|(robot, parts)| self.start(robot, parts, (number, number), uplink));
+            .map(|(robot, parts)| self.start(robot, parts, (number, link), uplink));
         self.machines.push(Machine {
             id,
             index,
-            boots: boots + u32::from(program.is_some()),
             robot,
             program,
-            link: number,
+            link,
+            boots,
             history,
         });
     }
