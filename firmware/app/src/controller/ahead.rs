@@ -124,12 +124,12 @@ impl Controller {
         match self.state.goal() {
             Some(Goal::Policy { .. }) => self.pilot.looks_around(),
             Some(Goal::Wander { .. }) => self.rules,
-            Some(_) | None => self.rules || self.is_without_a_word(),
+            Some(_) | None => self.rules || self.awaits_rule(),
         }
     }
 
     /// Whether a rule that goes by others is to be asked in the next step, because it has not been since the robot moves.
-    const fn is_without_a_word(&self) -> bool {
+    const fn awaits_rule(&self) -> bool {
         matches!(
             self.state,
             State::Moving(Goal::Swarm(_) | Goal::Mission { .. })
@@ -143,7 +143,7 @@ impl Controller {
         match self.state.goal() {
             Some(Goal::Policy { .. }) => self.pilot.has_time(),
             Some(Goal::Wander { .. } | Goal::Swarm(_) | Goal::Mission { .. }) => {
-                self.rules && !self.is_without_a_word()
+                self.rules && !self.awaits_rule()
             }
             Some(Goal::Manual { .. } | Goal::Goto { .. }) | None => true,
         }
@@ -297,11 +297,11 @@ impl Controller {
         if !matches!(self.state, State::Moving(_) | State::Caution(_)) {
             self.wanted = None;
         }
-        if inputs.order.is_some() && self.is_without_a_word() {
+        if inputs.order.is_some() && self.awaits_rule() {
             // The order has begun this, and the robot has not been told of others for it: the rule is asked in the next step.
             return Twist::ZERO;
         }
-        let asked = self.rules || self.is_without_a_word();
+        let asked = self.rules || self.awaits_rule();
         if let Some(Goal::Mission { .. }) = self.state.goal()
             && asked
         {
