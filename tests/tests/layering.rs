@@ -19,6 +19,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("crawler-bundle", &[]),
     ("crawler-delta", &[]),
     ("crawler-image-format", &["crawler-boot"]),
+    ("crawler-stack", &[]),
     ("crawler-micromodel", &[]),
     ("crawler-convert", &["crawler-micromodel"]),
     ("crawler-detector", &[]),

@@ -32,8 +32,9 @@ pub(crate) fn command(arguments: &[String]) -> Outcome {
 fn weigh(board: &Board, words: &mut Vec<String>) {
     words.extend(["--image".to_owned(), board.name.to_owned()]);
     words.push(text(&board.elf(board.binary)));
-    if let Some(bytes) = stack_used(&board.elf(board.binary)) {
-        words.extend(["--stack".to_owned(), bytes]);
+    if let Some(note) = stacks_used(&board.elf(board.binary)) {
+        words.push("--stack".to_owned());
+        words.extend(note.split_whitespace().map(str::to_owned));
     }
     if let Some(flash) = &board.flash {
         words.extend([
@@ -45,8 +46,8 @@ fn weigh(board: &Board, words: &mut Vec<String>) {
     }
 }
 
-/// The deepest stack of the program, where a test that ran just this one left a note beside it.
-fn stack_used(elf: &std::path::Path) -> Option<String> {
+/// The deepest stacks of tasks and of control, where a test that ran just this program left a note beside it.
+fn stacks_used(elf: &std::path::Path) -> Option<String> {
     let note = elf.with_extension("stack");
     let when = |path: &std::path::Path| fs::metadata(path).and_then(|file| file.modified()).ok();
     if when(&note)? < when(elf)? {

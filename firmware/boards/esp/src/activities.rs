@@ -13,6 +13,7 @@ use crawler_board::EmbassyClock;
 #[cfg(feature = "esp32s3")]
 use crawler_hal::ModelRegion;
 use crawler_hal::SlotPort;
+use crawler_stack::OnOwnStack;
 use embassy_executor::{SendSpawner, SpawnError, Spawner};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use esp_hal::interrupt::Priority;
@@ -28,7 +29,6 @@ use crate::camera::ModelLoader;
 use crate::flash::Region;
 use crate::lamp::Lamp;
 use crate::motors::Motor;
-use crate::own_stack::OnOwnStack;
 use crate::ranger;
 use crate::system::Chip;
 use crate::update::Updates;

@@ -21,7 +21,6 @@ mod kept;
 mod lamp;
 mod log;
 mod motors;
-mod own_stack;
 mod panic;
 mod randomness;
 mod ranger;

@@ -15,6 +15,7 @@ pub(crate) struct Budget {
     flash: Option<u64>,
     ram: Option<u64>,
     stack: Option<u64>,
+    control_stack: Option<u64>,
     /// Part of the update slot that stays free.
     slot_spare_percent: Option<u64>,
 }
@@ -29,8 +30,8 @@ pub(crate) struct Row {
     pub(crate) name: String,
     /// What it takes.
     pub(crate) weight: Weight,
-    /// Deepest stack seen while it ran, where somebody looked.
-    pub(crate) stack_used: Option<u64>,
+    /// Deepest stacks of tasks and of control seen while it ran, where somebody looked.
+    pub(crate) stacks_used: Option<[u64; 2]>,
     /// Its update image, and the slot for it.
     pub(crate) slot: Option<(u64, u64)>,
 }
@@ -49,8 +50,8 @@ pub(crate) fn parse(text: &str) -> Outcome<Budgets> {
 /// When an image has no budget: a new one must get its own.
 pub(crate) fn table(rows: &[Row], budgets: &Budgets) -> (String, Vec<String>) {
     let mut text = String::from(
-        "| image | flash | static RAM | stack used | stack region | update slot used |\n\
-         |---|---:|---:|---:|---:|---:|\n",
+        "| image | flash | static RAM | stack used | of control | stack region | update slot used |\n\
+         |---|---:|---:|---:|---:|---:|---:|\n",
     );
     let mut over = Vec::new();
     for row in rows {
@@ -76,13 +77,15 @@ pub(crate) fn table(rows: &[Row], budgets: &Budgets) -> (String, Vec<String>) {
         };
         let flash = cell("flash", Some(row.weight.flash), budget.flash);
         let ram = cell("static RAM", Some(row.weight.ram), budget.ram);
-        let stack = cell("stack", row.stack_used, budget.stack);
+        let [tasks, control] = row.stacks_used.map_or([None; 2], |both| both.map(Some));
+        let stack = cell("stack", tasks, budget.stack);
+        let control = cell("stack of control", control, budget.control_stack);
         let region = cell("stack region", row.weight.stack, None);
         let slot = slot_cell(row, budget, &mut over);
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "| {} | {flash} | {ram} | {stack} | {region} | {slot} |",
+            "| {} | {flash} | {ram} | {stack} | {control} | {region} | {slot} |",
             row.name
         );
     }
@@ -116,7 +119,7 @@ mod tests {
     use super::{Row, parse, table};
     use crate::weigh::Weight;
 
-    fn row(flash: u64, ram: u64, stack_used: Option<u64>, slot: Option<(u64, u64)>) -> Row {
+    fn row(flash: u64, ram: u64, stacks_used: Option<[u64; 2]>, slot: Option<(u64, u64)>) -> Row {
         Row {
             name: "virt".to_owned(),
             weight: Weight {
@@ -124,7 +127,7 @@ mod tests {
                 ram,
                 stack: None,
             },
-            stack_used,
+            stacks_used,
             slot,
         }
     }
@@ -135,13 +138,14 @@ mod tests {
 
     #[test]
     fn what_fits_passes_and_one_byte_more_does_not() {
-        let budgets = "[virt]\nflash = 1_000\nram = 100\nstack = 10\n";
-        assert!(over(row(1000, 100, Some(10), None), budgets).is_empty());
+        let budgets = "[virt]\nflash = 1_000\nram = 100\nstack = 10\ncontrol_stack = 5\n";
+        assert!(over(row(1000, 100, Some([10, 5]), None), budgets).is_empty());
         assert!(over(row(1000, 100, None, None), budgets).is_empty());
         for (row, what) in [
-            (row(1001, 100, Some(10), None), "virt flash"),
-            (row(1000, 101, Some(10), None), "virt static RAM"),
-            (row(1000, 100, Some(11), None), "virt stack"),
+            (row(1001, 100, Some([10, 5]), None), "virt flash"),
+            (row(1000, 101, Some([10, 5]), None), "virt static RAM"),
+            (row(1000, 100, Some([11, 5]), None), "virt stack:"),
+            (row(1000, 100, Some([10, 6]), None), "virt stack of control"),
         ] {
             let lines = over(row, budgets);
             assert!(lines.len() == 1 && lines[0].contains(what), "{lines:?}");

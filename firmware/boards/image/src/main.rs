@@ -24,7 +24,7 @@ const USAGE: &str = "\
 crawler-image pack --chip CHIP --flash SIZE --partitions CSV --elf ELF --merged OUT --update OUT
 crawler-image keys --elf ELF --out OUT {--release-key PEM}...
 crawler-image slot --elf ELF --update OUT
-crawler-image size --budgets TOML {--image NAME ELF [--chip CHIP] [--stack BYTES]
+crawler-image size --budgets TOML {--image NAME ELF [--chip CHIP] [--stack TASKS CONTROL]
                    [--slot UPDATE CSV SIZE]}...
 crawler-image crates ELF";
 
@@ -162,14 +162,16 @@ fn size(arguments: &[String]) -> Outcome {
                 rows.push(Row {
                     name,
                     weight,
-                    stack_used: None,
+                    stacks_used: None,
                     slot: None,
                 });
             }
             "--stack" => {
-                let bytes = value()?;
-                let bytes = bytes.parse().when(format_args!("--stack {bytes}"))?;
-                last(&mut rows)?.stack_used = Some(bytes);
+                let mut bytes = || {
+                    let bytes = value()?;
+                    bytes.parse().when(format_args!("--stack {bytes}"))
+                };
+                last(&mut rows)?.stacks_used = Some([bytes()?, bytes()?]);
             }
             "--slot" => {
                 let update = read(Path::new(value()?))?;

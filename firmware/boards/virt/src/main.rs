@@ -11,6 +11,7 @@ use crawler_board::network::Cable;
 use crawler_board::{EmbassyClock, StackNetwork};
 use crawler_hal::{Clock, MotorPort, RangerPort, ResetCause, SlotPort, System};
 use crawler_protocol::Kind;
+use crawler_stack::OnOwnStack;
 use crawler_tls::{Authority, Buffers, Secured, Security};
 use crawler_virt::ethernet::Ethernet;
 use crawler_virt::flash::{ParameterFlash, Programs};
@@ -252,7 +253,8 @@ async fn control(
         in2: body.pin(Line::In2(side)),
     };
     let (left, right) = (port(Side::Left), port(Side::Right));
-    match crawler_app::control(robot, left, right, system, rng, EmbassyClock).await {}
+    let control = crawler_app::control(robot, left, right, system, rng, EmbassyClock);
+    match OnOwnStack::new(control).await {}
 }
 
 #[embassy_executor::task]
@@ -354,7 +356,11 @@ async fn report(robot: &'static Context, body: &'static Body, every: Duration) -
     loop {
         let truth = body.truth();
         let [x, y, theta] = truth.pose;
-        defmt::debug!("stack: {} bytes used at most", stack::used());
+        defmt::debug!(
+            "stack: {} bytes used at most, and {} by control on its own",
+            stack::used(),
+            crawler_stack::used(),
+        );
         defmt::debug!(
             "body: boot {}, at {} {} {}, pack {} mV, lamp {}",
             robot.boot().count,

@@ -1,7 +1,7 @@
 //! How much stack was ever used.
 //!
 //! At start the memory below the stack pointer is painted; what is no longer painted was used.
-//! Control and interrupt handlers run on the same stack, so the figure covers them.
+//! Interrupt handlers run on the same stack, so the figure covers them, but for control: that has a stack of its own.
 
 use core::ptr;
 
