@@ -50,7 +50,19 @@ export async function until(reason, probe, seen = () => '') {
   throw new Error(`${reason}, for ${PATIENCE_MS / 1_000} s${last === '' ? '' : `; seen: ${last}`}`)
 }
 
-/** The same for so long, for what may never be: something else is tried then. */
+/** The same for what takes long: patience begins anew whenever `progress` gives something else. */
+export async function untilOver(reason, probe, progress) {
+  for (let seen = await progress(); ;) {
+    let now = seen
+    const moved = async () => (await probe()) || (now = await progress()) !== seen
+    if (!(await within(PATIENCE_MS, moved)))
+      throw new Error(`${reason}, for ${PATIENCE_MS / 1_000} s; seen: ${seen}`)
+    if (now === seen) return
+    seen = now
+  }
+}
+
+/** `until` for so long, for what may never be: something else is tried then. */
 export async function within(milliseconds, probe) {
   const end = performance.now() + milliseconds
   for (;;) {

@@ -4,7 +4,7 @@
 import { startMock } from '../tests/mock/server.mjs'
 import { launch } from './browser.mjs'
 import { axe, check, expect, fail, finish, guarded } from './checks.mjs'
-import { openPage, picture, until } from './checks.mjs'
+import { openPage, picture, until, untilOver } from './checks.mjs'
 import { everyLook, troubles, viewers } from './experiments-looks.mjs'
 
 const mock = process.env.BASE_URL === undefined ? await startMock({ robots: 12, open: true }) : null
@@ -161,10 +161,17 @@ async function another(page) {
   })
 }
 
+/** A training takes as long as the machine is slow: what counts is that its rounds go on. */
+function learnt(page) {
+  return untilOver('it does not go on', is(page, 'completed'), () =>
+    id(page, 'training-live').evaluateAll(([one]) => `round ${one?.dataset.round}`),
+  )
+}
+
 async function learned(page) {
   await check('a policy is trained, watched, paused, and judged', async () => {
     await goTo(page, 'experiments')
-    await id(page, 'training-steps').fill('200000')
+    await id(page, 'training-steps').fill('60000')
     await id(page, 'more-of-training').click()
     await id(page, 'training-name').fill('Learns')
     await id(page, 'training-worlds').fill('8')
@@ -179,10 +186,10 @@ async function learned(page) {
     await until('it does not pause', is(page, 'paused'))
     await axe(page, 'a training that stands')
     await id(page, 'experiment-resume').click()
-    await until('it is not over', is(page, 'completed'))
+    await learnt(page)
     await id(page, 'training-score').waitFor()
     await until('not all is drawn', async () => {
-      return (await data(page.locator('[data-curve=entropy]'), 'loaded')) === '66'
+      return (await data(page.locator('[data-curve=entropy]'), 'loaded')) === '20'
     })
     const coming = page.waitForEvent('download')
     await id(page, 'file-policy.tcpo').click()
@@ -198,7 +205,7 @@ async function learned(page) {
     await id(page, 'experiment-again').click()
     await until('it is the same page', async () => !page.url().endsWith(`/${trained[0]}`))
     trained.push(await opened(page))
-    await until('it is not over', is(page, 'completed'))
+    await learnt(page)
     await goTo(page, `experiments?compare=${trained.join(',')}`)
     await id(page, 'runs-together').waitFor()
     await page.locator('[data-curve=reward] canvas').waitFor()
