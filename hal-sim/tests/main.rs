@@ -23,6 +23,7 @@ mod proxy;
 mod radio;
 #[cfg(feature = "recording")]
 mod recording;
+mod safety;
 mod swarm;
 mod timesync;
 mod tracking;

@@ -117,6 +117,7 @@ fn deep() -> Outcome {
     report.step("time under load, again and again", |report| {
         Selection::timed_under_load(REPETITIONS).run(report)
     });
+    report.step("a million robot-seconds", |_| safety(seed));
     report.step("fuzz targets", |_| fuzz::targets(FUZZ_SECONDS));
     report.step("API from its description", |_| {
         fuzz_api::thorough(DEEP_EXAMPLES, seed)
@@ -220,6 +221,19 @@ fn documentation() -> Outcome {
         &run::cargo_program(),
         &line.split(' ').collect::<Vec<_>>(),
         &[("RUSTDOCFLAGS", "--deny warnings")],
+    )
+}
+
+/// The safety rules under every behaviour, in worlds from `seed` on.
+fn safety(seed: u64) -> Outcome {
+    println!("PROPTEST_RNG_SEED={seed}");
+    let line = "nextest run --locked --workspace --all-features --run-ignored only --no-capture \
+                -E test(the_rules_hold_for_a_million_robot_seconds)";
+    run::run_with_env(
+        &run::root(),
+        &run::cargo_program(),
+        &line.split_whitespace().collect::<Vec<_>>(),
+        &[("PROPTEST_RNG_SEED", &seed.to_string())],
     )
 }
 

@@ -3,6 +3,7 @@
 pub(crate) mod chaos;
 #[cfg(feature = "live")]
 pub(crate) mod port;
+pub(crate) mod watch;
 
 use std::collections::BTreeMap;
 
