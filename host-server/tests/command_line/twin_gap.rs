@@ -53,7 +53,7 @@ fn scenarios_are_run_in_both_worlds_and_ranked() {
         "--scenario",
         "simple-navigation",
         "--scenario",
-        "head-on",
+        "multi-robot-coordination",
         "--scenario",
         "corridor",
         "--seeds",
@@ -88,7 +88,7 @@ fn scenarios_are_run_in_both_worlds_and_ranked() {
         }
     }
     assert!(
-        words.contains("head-on: means in both worlds")
+        words.contains("multi-robot-coordination: means in both worlds")
             && words.contains("Rank correlation of the means of 3 settings"),
         "{words}"
     );
