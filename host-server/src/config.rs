@@ -7,6 +7,7 @@
 mod keys;
 mod layer;
 mod options;
+mod place;
 mod tls;
 mod worker_name;
 
@@ -28,6 +29,7 @@ pub use keys::{KeyFiles, NoKeyFiles};
 pub(crate) use layer::KEYS;
 pub use layer::{BadFile, Layer, LogFormat, RequireGate};
 pub use options::{Common, EngineOptions, RobotOptions, ServerOptions, TlsOptions, WorkerOptions};
+pub use place::Place;
 pub use tls::{NoTlsName, TlsMode, TlsNames, TlsSettings};
 pub use worker_name::{NoWorkerName, WorkerName};
 

@@ -7,7 +7,7 @@
 //!
 //! Reading order: `run`, `config` and `server`, which starts the parts; `addresses`, where a running server is.
 //! The command line: `cli`, `console`, `release`, `replay`, `twin`, and `rollout`, which speaks to a running server through
-//! `client`.
+//! `client`. `terminal` asks for passwords, `calendar` has moments as people read them.
 
 pub mod cli;
 pub mod config;
@@ -20,7 +20,9 @@ pub mod server;
 pub mod twin;
 
 mod addresses;
+mod calendar;
 mod client;
+mod terminal;
 
 pub use crawler_server_tls::TlsError;
 pub use crawler_system::data::DataError;

@@ -3,9 +3,9 @@
 use crawler_access::Digest;
 
 use crate::RecordsError;
+use crate::query::changed;
 use crate::query::query;
 use crate::store::Store;
-use crate::users::changed;
 
 /// Most credentials.
 pub const MAX_CREDENTIALS: i64 = 100_000;

@@ -1,9 +1,9 @@
 //! Fences: named polygons of the ground. What a good polygon is, whoever keeps one here decides.
 
 use crate::RecordsError;
+use crate::query::changed;
 use crate::query::{Connection, query};
 use crate::store::Store;
-use crate::users::changed;
 
 /// Most fences.
 pub const MAX_FENCES: i64 = 64;

@@ -3,9 +3,10 @@
 use crawler_access::{Digest, Role, UserName};
 
 use crate::RecordsError;
+use crate::account::{name, role};
+use crate::query::changed;
 use crate::query::query;
 use crate::store::Store;
-use crate::users::{changed, name, role};
 
 /// Most invitations that wait to be taken.
 pub const MAX_INVITATIONS: i64 = 1_000;

@@ -24,10 +24,11 @@
 //! with which of them.
 //!
 //! Reading order: `store`, which is behind every handle, and `settings`, the smallest of them; for people and machines
-//! `users`, `invitations`, `sessions` and `credentials`; `audit`, which [`audit_log`] fills for those who cannot
+//! `account`, `users`, `invitations`, `sessions` and `credentials`; `audit`, which [`audit_log`] fills for those who cannot
 //! wait; `events`, `arenas` and `fences`; `experiments` (the experiments, their trials, the parts that are left to
 //! do), `releases` and `rollouts`; below them `schema`, `query`, `postgres` and `text`; [`backup`] and `transfer`.
 
+mod account;
 mod arenas;
 mod audit;
 pub mod audit_log;
@@ -57,6 +58,7 @@ use crawler_history::{HISTORY_FILE, History, Running};
 
 pub use crawler_database::RecordsError;
 
+pub use account::User;
 pub use arenas::{Arenas, MAX_ARENA};
 pub use audit::{Audit, Broken, Entry, MAX_AUDIT_PAGE, Stored};
 pub use credentials::{Credential, Credentials, MAX_CREDENTIAL_NAME, MAX_CREDENTIALS};
@@ -83,7 +85,7 @@ pub use rollouts::{
 };
 pub use sessions::{MAX_FROM, MAX_SESSIONS, Refreshed, Session, Sessions};
 pub use settings::{MAX_SETTING, MAX_SETTING_KEY, Settings};
-pub use users::{MAX_PASSWORD_HASH, MAX_USERS, User, Users};
+pub use users::{MAX_PASSWORD_HASH, MAX_USERS, Users};
 
 use postgres::Remote;
 use query::{Connection, query};

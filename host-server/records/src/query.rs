@@ -227,3 +227,8 @@ impl Query {
         })
     }
 }
+
+/// `refusal` unless a row was changed.
+pub(crate) fn changed(rows: u64, refusal: RecordsError) -> Result<(), RecordsError> {
+    if rows == 0 { Err(refusal) } else { Ok(()) }
+}

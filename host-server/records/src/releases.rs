@@ -12,10 +12,10 @@ use serde_json::{Value, json};
 use sqlx::AssertSqlSafe;
 
 use crate::RecordsError;
+use crate::query::changed;
 use crate::query::{Connection, query};
 use crate::store::Store;
 use crate::text::cut;
-use crate::users::changed;
 
 /// Most releases. Beyond, the oldest of those that were withdrawn makes room.
 pub const MAX_RELEASES: i64 = 1_000;

@@ -3,9 +3,9 @@
 use crawler_access::{Digest, UserName};
 
 use crate::RecordsError;
-use crate::query::{Connection, query};
+use crate::account::{User, find, name};
+use crate::query::{Connection, changed, query};
 use crate::store::Store;
-use crate::users::{User, changed, find, name};
 
 /// Most sessions of one account; the oldest ends when another is opened.
 pub const MAX_SESSIONS: i64 = 64;

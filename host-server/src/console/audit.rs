@@ -9,8 +9,9 @@ use std::process::ExitCode;
 use crawler_records::{MAX_AUDIT_PAGE, Stored};
 use crawler_system::cli_error::{CliError, OrSay as _};
 
+use super::Console;
 use super::args::AuditTask;
-use super::{Console, moment};
+use crate::calendar::moment;
 use crate::config::Settings;
 
 pub(super) async fn run(task: AuditTask, settings: &Settings) -> Result<ExitCode, CliError> {

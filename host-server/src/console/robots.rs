@@ -7,9 +7,10 @@ use crawler_access::{Secret, UserName};
 use crawler_sim::live::Authority;
 use serde_json::json;
 
+use super::Console;
 use super::args::{RobotTask, Whose};
-use super::{Console, moment};
 use crate::addresses::{Addresses, Endpoint};
+use crate::calendar::moment;
 use crate::config::{Broker, Settings};
 use crawler_server_tls::first_certificate;
 use crawler_system::cli_error::CliError;

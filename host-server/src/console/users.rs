@@ -4,10 +4,12 @@ use crawler_access::{Role, Secret, UserName, password};
 use crawler_records::User;
 use serde_json::json;
 
+use super::Console;
 use super::args::UserTask;
-use super::{Console, moment, terminal};
 use crate::addresses::Addresses;
+use crate::calendar::moment;
 use crate::config::Settings;
+use crate::terminal;
 use crawler_system::cli_error::{CliError, OrSay as _};
 use crawler_system::clock::now_ms;
 

@@ -10,8 +10,9 @@ use crawler_system::cli_error::CliError;
 use crawler_updates::delta::Side;
 use crawler_updates::gate::Digest;
 
+use crate::calendar::{date, moment};
+use crate::config::Place;
 use crate::config::{KeyFiles, Layer};
-use crate::console::{Place, date, moment};
 
 /// Seconds of a day.
 const DAY: u64 = 86_400;

@@ -12,7 +12,7 @@ use crawler_updates::rollout::UpdateState;
 use crate::addresses::Addresses;
 use crate::client::{Client, ServerUrl};
 use crate::config::{Layer, Settings};
-use crate::console::terminal;
+use crate::terminal;
 
 /// Most bytes of a file with a password.
 const PASSWORD_MAX: usize = 4_096;

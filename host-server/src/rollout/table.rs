@@ -7,7 +7,7 @@ use crawler_system::text::line;
 use serde_json::Value;
 
 use super::view::{Line, Phase, Robot, Rollout};
-use crate::console::moment;
+use crate::calendar::moment;
 
 /// Characters of a name or a reason that are shown.
 const SHOWN: usize = 60;

@@ -7,12 +7,19 @@ use std::str::FromStr;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
-use crate::engine::Dialect;
-
 /// Port when the address names none: `InfluxDB`'s.
 const PORT: u16 = 8086;
 /// Longest name of a database.
 const MOST_DATABASE: usize = 200;
+
+/// A language for questions about time series.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Dialect {
+    /// `InfluxDB`'s of version 1, which later ones answer as well.
+    InfluxQl,
+    /// That of `VictoriaMetrics`, over `PromQL`.
+    MetricsQl,
+}
 
 /// In which language questions are asked.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -5,20 +5,11 @@ use std::fmt;
 use hyper::body::Bytes;
 use hyper::{Method, StatusCode};
 
-use crate::address::{Address, Read, encoded};
+use crate::address::{Address, Dialect, Read, encoded};
 use crate::client::Client;
 use crate::error::EngineError;
 use crate::line::MEASUREMENT;
 use crate::read::influxql::{self, Row};
-
-/// A language for questions about time series.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Dialect {
-    /// `InfluxDB`'s of version 1, which later ones answer as well.
-    InfluxQl,
-    /// That of `VictoriaMetrics`, over `PromQL`.
-    MetricsQl,
-}
 
 /// A program that takes line protocol.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -21,11 +21,11 @@ mod remote;
 mod shared;
 mod writer;
 
-pub use address::{Address, NoAddress, Read};
-pub use engine::{Dialect, Engine, Product, look};
+pub use address::{Address, Dialect, NoAddress, Read};
+pub use engine::{Engine, Product, look};
 pub use error::EngineError;
 pub use line::{MEASUREMENT, push_line};
 pub use read::SPARSE_ROWS;
 pub use remote::{QUEUE, Remote};
+pub use shared::BATCH;
 pub use shared::State;
-pub use writer::BATCH;

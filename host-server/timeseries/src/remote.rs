@@ -14,8 +14,9 @@ use tokio::sync::{Semaphore, SemaphorePermit, mpsc};
 use tokio::task::{JoinHandle, JoinSet};
 
 use crate::address::Address;
+use crate::address::Dialect;
 use crate::client::{Client, TIME_OUT};
-use crate::engine::{Dialect, Engine};
+use crate::engine::Engine;
 use crate::error::EngineError;
 use crate::read::{self, Question, extent};
 use crate::shared::{Shared, State};

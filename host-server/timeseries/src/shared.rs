@@ -9,7 +9,12 @@ use tokio::sync::{Notify, watch};
 
 use crate::engine::Engine;
 use crate::error::EngineError;
-use crate::writer::{BATCH, MANY};
+
+/// Most samples in one request: at about 160 bytes each, some 1.6 MB. Every request costs an engine a
+/// visit to its disk, so what piled up goes in few of them.
+pub const BATCH: usize = 10_000;
+/// Samples that are worth a request before the tick.
+pub(crate) const MANY: usize = 5_000;
 
 /// How it stands with the engine.
 #[derive(Debug, Clone, PartialEq, Eq)]

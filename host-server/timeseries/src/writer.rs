@@ -14,13 +14,8 @@ use crate::client::Client;
 use crate::engine::{self, Engine};
 use crate::error::EngineError;
 use crate::line::push_line;
-use crate::shared::{Shared, State};
+use crate::shared::{MANY, Shared, State};
 
-/// Most samples in one request: at about 160 bytes each, some 1.6 MB. Every request costs an engine a
-/// visit to its disk, so what piled up goes in few of them.
-pub const BATCH: usize = 10_000;
-/// Samples that are worth a request before the tick.
-pub(crate) const MANY: usize = 5_000;
 /// How long a sample waits for others.
 const TICK: Duration = Duration::from_millis(250);
 /// First and longest wait before an engine is tried again.

@@ -16,8 +16,9 @@ use std::collections::VecDeque;
 use serde::{Deserialize, Serialize};
 
 use crate::predict::quantile;
-use crate::shadow::HORIZONS_S;
 
+/// Horizons of predictions and of the forecast, seconds.
+pub const HORIZONS_S: [f64; 2] = [1.0, 10.0];
 /// Most predictions of each horizon, and most innovations, that are kept of a robot: the newest.
 pub const MOST_PAIRS: usize = 256;
 /// Most displacements that are kept of a robot.

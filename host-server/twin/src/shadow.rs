@@ -17,14 +17,11 @@ use crate::detect::{Detector, Fault, Innovation, Sight};
 use crate::drift::{Drift, Watch};
 use crate::drive::{RAMP_PER_S, Timeline, residual};
 use crate::evidence::{Duty, Fix, LATEST_S, Refusal, Row, Supply};
-use crate::gap::Samples;
+use crate::gap::{HORIZONS_S, Samples};
 use crate::identify::{SIGMA_M, SIGMA_RAD, jumps_between};
 use crate::predict::quantile;
 use predictions::Predictions;
 use state::{Gains, STRETCH, State};
-
-/// Horizons of the forecast, seconds.
-pub const HORIZONS_S: [f64; 2] = [1.0, 10.0];
 
 /// Most rows that wait for what belongs to them.
 const MOST_WAITING: usize = 256;

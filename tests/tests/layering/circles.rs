@@ -22,7 +22,6 @@ const CIRCLES: &[(&str, &[&[&str]])] = &[
         &[&["command", "message", "open", "words"]],
     ),
     ("firmware/release", &[&["cbor", "encoding", "manifest"]]),
-    ("host-server", &[&["console", "release", "rollout", "twin"]]),
     ("host-server/accounts", &[&["lib.rs", "login", "tickets"]]),
     (
         "host-server/api",
@@ -58,21 +57,12 @@ const CIRCLES: &[(&str, &[&[&str]])] = &[
         ]],
     ),
     ("host-server/metrics", &[&["fences", "http", "lib.rs"]]),
-    ("host-server/records", &[&["sessions", "users"]]),
     (
         "host-server/rollouts",
         &[&[
             "control", "gate", "lib.rs", "link", "numbers", "plan", "runner", "sender", "view",
         ]],
     ),
-    (
-        "host-server/timeseries",
-        &[
-            &["address", "client", "engine", "read"],
-            &["shared", "writer"],
-        ],
-    ),
-    ("host-server/twin", &[&["gap", "shadow"]]),
     ("models/micromodel", &[&["kernels", "model"]]),
 ];
 

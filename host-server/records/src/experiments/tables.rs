@@ -236,7 +236,7 @@ impl Experiments<'_> {
                     .bind(from.name())
                     .execute(&mut *connection)
                     .await
-                    .and_then(|done| crate::users::changed(done, RecordsError::NotFound))?;
+                    .and_then(|done| crate::query::changed(done, RecordsError::NotFound))?;
                     if to.is_over() {
                         drop_parts(&mut *connection, id).await?;
                     }
@@ -286,7 +286,7 @@ impl Experiments<'_> {
                     .bind(id)
                     .execute(connection)
                     .await
-                    .and_then(|done| crate::users::changed(done, RecordsError::NotFound))
+                    .and_then(|done| crate::query::changed(done, RecordsError::NotFound))
                 })
             })
             .await
@@ -305,7 +305,7 @@ impl Experiments<'_> {
                         .bind(id)
                         .execute(&mut *connection)
                         .await
-                        .and_then(|done| crate::users::changed(done, RecordsError::NotFound))?;
+                        .and_then(|done| crate::query::changed(done, RecordsError::NotFound))?;
                     drop_parts(&mut *connection, id).await?;
                     query("DELETE FROM trial WHERE id >= $1 AND id < $2")
                         .bind(first)

@@ -210,7 +210,7 @@ async fn add(connection: &mut Connection<'_>, new: NewRollout) -> Result<(), Rec
     .bind(document)
     .execute(&mut *connection)
     .await?;
-    crate::users::changed(done, RecordsError::Exists)?;
+    crate::query::changed(done, RecordsError::Exists)?;
     if step.over {
         query("UPDATE rollout SET ended = made WHERE id = $1")
             .bind(new.id)

@@ -187,7 +187,7 @@ async fn clock() -> Finding {
 fn judge_clock(now: u64, synchronised: Synchronised) -> Finding {
     const WHAT: &str = "clock";
     let shown =
-        crate::console::moment(i64::try_from(now).unwrap_or(i64::MAX).saturating_mul(1_000));
+        crate::calendar::moment(i64::try_from(now).unwrap_or(i64::MAX).saturating_mul(1_000));
     if now < LONG_AGO {
         return Finding::fail(
             WHAT,

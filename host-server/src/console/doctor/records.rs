@@ -200,7 +200,7 @@ fn judge_newest(newest: i64, now: i64) -> Option<Finding> {
             "clock",
             format!(
                 "it is behind the newest entry of the audit log, of {}",
-                crate::console::moment(newest)
+                crate::calendar::moment(newest)
             ),
             "the clock went back: set it right, or sessions and certificates do not work",
         )

@@ -9,9 +9,9 @@ use serde::de::DeserializeOwned;
 
 use super::influxql;
 use super::metricsql::{ALL, PAST, literal, seconds};
+use crate::address::Dialect;
 use crate::address::encoded;
 use crate::client::Client;
-use crate::engine::Dialect;
 use crate::error::EngineError;
 use crate::line::MEASUREMENT;
 

@@ -7,8 +7,8 @@ pub(crate) mod metricsql;
 use crawler_history::{Point, Points, Span, numbered_state};
 use crawler_protocol::RobotId;
 
+use crate::address::Dialect;
 use crate::client::Client;
-use crate::engine::Dialect;
 use crate::error::EngineError;
 
 pub use influxql::SPARSE_ROWS;

@@ -4,12 +4,12 @@
 
 use std::collections::VecDeque;
 
+use super::Recent;
 use super::state::{State, Stretch};
-use super::{HORIZONS_S, Recent};
 use crate::body::{Parameters, Pose, STEP_S, Wheels, arc};
 use crate::course::Random;
 use crate::evidence::Fix;
-use crate::gap::{DISPLACEMENT_S, Displacement, Pair, Samples};
+use crate::gap::{DISPLACEMENT_S, Displacement, HORIZONS_S, Pair, Samples};
 use crate::linear::Square;
 
 /// A prediction begins so often, seconds.

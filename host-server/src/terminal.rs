@@ -15,7 +15,7 @@ const CONTROL_C: u8 = 3;
 const LONGEST: u64 = 4_096;
 
 /// A password for `whom`: typed twice at a terminal, or the first line of standard input.
-pub(super) fn new_password(whom: &str) -> Result<String, CliError> {
+pub(crate) fn new_password(whom: &str) -> Result<String, CliError> {
     if !io::stdin().is_terminal() {
         return read_line(io::stdin().lock());
     }
