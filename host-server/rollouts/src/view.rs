@@ -243,13 +243,15 @@ impl Rollouts {
     /// # Errors
     /// [`RolloutError::Unknown`], [`RolloutError::Records`], [`RolloutError::Damaged`].
     pub async fn one(&self, id: i64) -> Result<RolloutView, RolloutError> {
+        // Counts no older than the state, and a log no older than both: who reads `done` reads what was done.
+        let kept = self.records.rollouts().get(id).await?;
+        let kept = kept.ok_or(RolloutError::Unknown)?;
         let own = {
             let active = self.active();
             active.get(id).map(|one| one.rollout.counts(self.now()))
         };
         let (kept, counts) = if let Some(counts) = own {
-            let kept = self.records.rollouts().get(id).await?;
-            (kept.ok_or(RolloutError::Unknown)?, counts)
+            (kept, counts)
         } else {
             let whole = self.records.rollouts().whole(id).await?;
             let (kept, rows) = whole.ok_or(RolloutError::Unknown)?;
