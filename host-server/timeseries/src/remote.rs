@@ -13,8 +13,7 @@ use crawler_protocol::RobotId;
 use tokio::sync::{Semaphore, SemaphorePermit, mpsc};
 use tokio::task::{JoinHandle, JoinSet};
 
-use crate::address::Address;
-use crate::address::Dialect;
+use crate::address::{Address, Dialect};
 use crate::client::{Client, TIME_OUT};
 use crate::engine::Engine;
 use crate::error::EngineError;

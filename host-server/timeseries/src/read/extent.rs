@@ -9,8 +9,7 @@ use serde::de::DeserializeOwned;
 
 use super::influxql;
 use super::metricsql::{ALL, PAST, literal, seconds};
-use crate::address::Dialect;
-use crate::address::encoded;
+use crate::address::{Dialect, encoded};
 use crate::client::Client;
 use crate::error::EngineError;
 use crate::line::MEASUREMENT;
