@@ -25,8 +25,9 @@ use crawler_metrics::Exposition;
 pub use listener::{MAX_PACKET, listen, response_topic};
 pub use view::{BookmarkView, ItemView, SimulatorAnswer, SimulatorView, control_code};
 
-/// For robots to come to rest. From full speed the ramp takes well under a second.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// For robots to come to rest. From full speed the ramp takes well under a second of theirs, which is several of real
+/// time where the machine has no time for the world.
+const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Least time between two arenas that are told.
 const ARENA_PAUSE: Duration = Duration::from_millis(100);
