@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use axum::Json;
 use axum::extract::{Path, State};
-use crawler_history::Point;
+use crawler_history::{Point, Span};
 use crawler_protocol::RobotId;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -39,7 +39,7 @@ pub(super) struct TelemetryQuery {
     step: Option<i64>,
 }
 
-/// A stretch of time: the mean of what was told in it, and the last heading and state.
+/// A stretch of time: the mean of what was told in it, its extremes, and the last heading and state.
 #[derive(Serialize, ToSchema)]
 #[schema(as = TelemetryPoint)]
 pub(super) struct PointView {
@@ -67,11 +67,42 @@ pub(super) struct PointView {
     right: f32,
     /// The state, like `MOVING`.
     state: &'static str,
+    /// The lowest of what is a mean above: what was near for a moment only is seen here.
+    least: ExtremeView,
+    /// The highest.
+    most: ExtremeView,
+}
+
+/// The lowest or the highest of what was told in a stretch of time.
+#[derive(Serialize, ToSchema)]
+#[schema(as = TelemetryExtreme)]
+pub(super) struct ExtremeView {
+    /// Millimetres to what is ahead; `null` when the ranger saw nothing.
+    range_mm: Option<f32>,
+    /// Millivolts.
+    battery_mv: f32,
+    /// Percent.
+    battery_percent: f32,
+    /// Strength of the radio link.
+    rssi_dbm: Option<f32>,
+}
+
+impl ExtremeView {
+    fn of(point: &Point, which: fn(Span) -> f32) -> Self {
+        Self {
+            range_mm: point.range_mm.map(which),
+            battery_mv: which(point.battery_mv),
+            battery_percent: which(point.battery_percent),
+            rssi_dbm: point.rssi.map(which),
+        }
+    }
 }
 
 impl From<Point> for PointView {
     fn from(point: Point) -> Self {
         Self {
+            least: ExtremeView::of(&point, |span| span.min),
+            most: ExtremeView::of(&point, |span| span.max),
             at: point.at,
             count: point.count,
             x: point.x,

@@ -50,6 +50,25 @@ async fn what_a_robot_tells_is_kept() {
         assert!((told - value).abs() < 0.01, "{key}: {told}");
     }
     assert_eq!(point["state"], "MOVING");
+    // One that was near for a moment is not lost in the mean.
+    let near = telemetry("a", 21).replace("812", "112");
+    robot.publish("swarm/telemetry/a", near).await;
+    eventually("kept", async || count(&ask().await) == 21).await;
+    let answer = ask().await;
+    let points = answer["points"].as_array().expect("points");
+    let of = |which: &str, key: &str| {
+        let values = points.iter().map(|point| point[which][key].as_f64());
+        let values: Vec<f64> = values.map(|value| value.expect("a number")).collect();
+        if which == "least" {
+            values.into_iter().fold(f64::MAX, f64::min)
+        } else {
+            values.into_iter().fold(f64::MIN, f64::max)
+        }
+    };
+    assert_eq!(of("least", "range_mm"), 112.0);
+    assert_eq!(of("most", "range_mm"), 812.0);
+    assert_eq!(of("least", "battery_mv"), 7_610.0);
+    assert_eq!(of("most", "rssi_dbm"), -61.0);
 
     // Nonsense is neither known nor kept.
     robot.publish("swarm/telemetry/a", "{}").await;
@@ -74,7 +93,7 @@ async fn what_a_robot_tells_is_kept() {
         .get("/api/v1/robots/NO/telemetry")
         .await
         .is_problem(404, "unknown_robot");
-    assert_eq!(count(&ask().await), 20);
+    assert_eq!(count(&ask().await), 21);
     fixture.stop().await;
 }
 

@@ -5,22 +5,53 @@ import type { CommandRecord, TelemetryPoint } from '../api-types'
 export const CHARTS = ['range', 'battery', 'signal', 'wheels', 'latency'] as const
 export type Chart = (typeof CHARTS)[number]
 
-/** Seconds on the x axis, then one list of values for each line; `null` is a gap. */
-export type Columns = readonly [readonly number[], ...(readonly (number | null)[])[]]
+/** Values over time; `null` is a gap. */
+export type Line = readonly (number | null)[]
+/** Seconds on the x axis, then one list of values for each line. */
+export type Columns = readonly [readonly number[], ...Line[]]
 
 /** A gap as long as this many steps is one: the line must not bridge it. */
 const GAP_STEPS = 3
 
+/** What a point has for a line, in the unit that is written. */
+type Take = (point: TelemetryPoint) => number | null
+/** What is known as its lowest and highest too. */
+type Spread = 'range' | 'battery' | 'signal'
+type Extreme = TelemetryPoint['least']
+
+const metres = (mm: number | null | undefined): number | null => (mm == null ? null : mm / 1_000)
+const SPREAD: Record<Spread, (of: Extreme) => number | null> = {
+  range: ({ range_mm }) => metres(range_mm),
+  battery: ({ battery_percent }) => battery_percent,
+  signal: ({ rssi_dbm }) => rssi_dbm ?? null,
+}
+const WHEELS: readonly Take[] = [({ left }) => left * 100, ({ right }) => right * 100]
+
+const isSpread = (chart: Chart): chart is Spread => chart in SPREAD
+
 export function columns(chart: Chart, points: readonly TelemetryPoint[], step: number): Columns {
-  const take: Record<Exclude<Chart, 'latency'>, ((point: TelemetryPoint) => number | null)[]> = {
-    range: [({ range_mm }) => (range_mm == null ? null : range_mm / 1_000)],
-    battery: [({ battery_percent }) => battery_percent],
-    signal: [({ rssi_dbm }) => rssi_dbm ?? null],
-    wheels: [({ left }) => left * 100, ({ right }) => right * 100],
-  }
   if (chart === 'latency') return [[], []]
+  return drawn(points, step, isSpread(chart) ? [SPREAD[chart]] : WHEELS)
+}
+
+/** The lowest and the highest of each step of a line, gap for gap; `null` for a chart that has none. */
+export function extremes(
+  chart: Chart,
+  points: readonly TelemetryPoint[],
+  step: number,
+): readonly [Line, Line] | null {
+  if (!isSpread(chart)) return null
+  const take = SPREAD[chart]
+  const [, least = [], most = []] = drawn(points, step, [
+    ({ least }) => take(least),
+    ({ most }) => take(most),
+  ])
+  return [least, most]
+}
+
+function drawn(points: readonly TelemetryPoint[], step: number, takes: readonly Take[]): Columns {
   const x: number[] = []
-  const lines: (number | null)[][] = take[chart].map(() => [])
+  const lines: (number | null)[][] = takes.map(() => [])
   let last: number | null = null
   for (const point of points) {
     if (last !== null && point.at - last > GAP_STEPS * step) {
@@ -29,7 +60,7 @@ export function columns(chart: Chart, points: readonly TelemetryPoint[], step: n
     }
     last = point.at
     x.push(point.at / 1_000)
-    take[chart].forEach((value, at) => lines[at]?.push(value(point)))
+    takes.forEach((take, at) => lines[at]?.push(take(point)))
   }
   return [x, ...lines]
 }
@@ -61,16 +92,23 @@ interface Gist {
   mean: number
 }
 
-/** `null` without a single value. */
-export function gist(line: readonly (number | null)[]): Gist | null {
+/** What a line says in numbers; `around` has the lowest and highest of each of its values. `null` without a single one. */
+export function gist(line: Line, around: readonly [Line, Line] | null = null): Gist | null {
   const values = line.filter((value): value is number => value !== null)
   const now = values.at(-1)
   if (now === undefined) return null
-  let [least, most, sum] = [now, now, 0]
-  for (const value of values) {
-    if (value < least) least = value
-    if (value > most) most = value
-    sum += value
+  const [least, most] = around ?? [line, line]
+  return {
+    now,
+    least: bound(least, Math.min) ?? now,
+    most: bound(most, Math.max) ?? now,
+    mean: values.reduce((sum, value) => sum + value, 0) / values.length,
   }
-  return { now, least, most, mean: sum / values.length }
+}
+
+function bound(line: Line, further: (a: number, b: number) => number): number | null {
+  return line.reduce((found, value) => {
+    if (found === null || value === null) return found ?? value
+    return further(found, value)
+  }, null)
 }

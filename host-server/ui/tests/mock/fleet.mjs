@@ -2,6 +2,7 @@
 
 import { Refusal } from './accounts.mjs'
 import { createSimulator } from './simulator.mjs'
+import { withExtremes } from './extremes.mjs'
 
 const DEFAULTS = [
   ['name', '', '', null, null, null],
@@ -105,20 +106,22 @@ export function createFleet({ world, commands, clock, greet, answering }) {
     const points = []
     for (let at = Math.ceil(from / step) * step; at < to; at += step) {
       const t = at / 1_000
-      points.push({
-        at,
-        count: 5,
-        x: Math.cos(t / 20),
-        y: Math.sin(t / 20),
-        theta: 0,
-        range_mm: Math.floor(t / 15) % 4 === 0 ? null : 900 + 600 * Math.sin(t / 7),
-        battery_mv: 7_900,
-        battery_percent: 80 - ((t / 60) % 30),
-        rssi_dbm: -58 + 6 * Math.sin(t / 11),
-        left: 0.4 + 0.2 * Math.sin(t / 3),
-        right: 0.4 - 0.2 * Math.sin(t / 3),
-        state: 'MOVING',
-      })
+      points.push(
+        withExtremes({
+          at,
+          count: 5,
+          x: Math.cos(t / 20),
+          y: Math.sin(t / 20),
+          theta: 0,
+          range_mm: Math.floor(t / 15) % 4 === 0 ? null : 900 + 600 * Math.sin(t / 7),
+          battery_mv: 7_900,
+          battery_percent: 80 - ((t / 60) % 30),
+          rssi_dbm: -58 + 6 * Math.sin(t / 11),
+          left: 0.4 + 0.2 * Math.sin(t / 3),
+          right: 0.4 - 0.2 * Math.sin(t / 3),
+          state: 'MOVING',
+        }),
+      )
     }
     return { robot: id, from, to, step, points }
   }

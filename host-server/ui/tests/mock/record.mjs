@@ -3,6 +3,7 @@
 
 import { Refusal } from './accounts.mjs'
 import { createWorld } from './world.mjs'
+import { withExtremes } from './extremes.mjs'
 
 const EVERY_MS = 200
 const BEFORE_MS = 600_000
@@ -154,14 +155,16 @@ export function createRecord({ world, clock, robots, seed }) {
 
   function telemetry(robot, url) {
     const { from, to, step } = stretch(url, 360)
-    const points = condense(tracks.get(robot)?.points ?? [], from, to, step).map((one) => ({
-      ...one,
-      count: Math.max(1, Math.round(step / EVERY_MS)),
-      battery_mv: 6_400 + 20 * one.battery_percent,
-      rssi_dbm: Math.round(-58 + 6 * Math.sin(one.at / 11_000)),
-      left: one.state === 'AVOIDING' ? -0.3 : one.state === 'MOVING' ? 0.5 : 0,
-      right: one.state === 'AVOIDING' ? 0.3 : one.state === 'MOVING' ? 0.48 : 0,
-    }))
+    const points = condense(tracks.get(robot)?.points ?? [], from, to, step).map((one) =>
+      withExtremes({
+        ...one,
+        count: Math.max(1, Math.round(step / EVERY_MS)),
+        battery_mv: 6_400 + 20 * one.battery_percent,
+        rssi_dbm: Math.round(-58 + 6 * Math.sin(one.at / 11_000)),
+        left: one.state === 'AVOIDING' ? -0.3 : one.state === 'MOVING' ? 0.5 : 0,
+        right: one.state === 'AVOIDING' ? 0.3 : one.state === 'MOVING' ? 0.48 : 0,
+      }),
+    )
     return { robot, from, to, step, points }
   }
 

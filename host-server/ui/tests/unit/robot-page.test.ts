@@ -11,7 +11,7 @@ import {
   shareable,
   write,
 } from '../../src/fleet/parameters'
-import { CHARTS, columns, gist, latencies } from '../../src/fleet/series'
+import { CHARTS, columns, extremes, gist, latencies } from '../../src/fleet/series'
 import {
   RANGES,
   bounds,
@@ -35,6 +35,8 @@ const point = (at: number, change: Partial<TelemetryPoint> = {}): TelemetryPoint
   left: 0.5,
   right: -0.25,
   state: 'MOVING',
+  least: { range_mm: 300, battery_mv: 7_900, battery_percent: 79, rssi_dbm: null },
+  most: { range_mm: 1_700, battery_mv: 8_100, battery_percent: 81, rssi_dbm: null },
   ...change,
 })
 
@@ -50,6 +52,20 @@ describe('charts', () => {
     const [x, y] = columns('battery', [point(1_000), point(2_000), point(9_000)], 1_000)
     expect(x).toEqual([1, 2, 3, 9])
     expect(y).toEqual([80, 80, null, 80])
+  })
+
+  it('have lowest and highest beside the mean, with the same gaps', () => {
+    const points = [point(1_000), point(2_000), point(9_000)]
+    expect(extremes('range', points, 1_000)).toEqual([
+      [0.3, 0.3, null, 0.3],
+      [1.7, 1.7, null, 1.7],
+    ])
+    expect(extremes('signal', points, 1_000)?.[0]).toEqual([null, null, null, null])
+    for (const chart of ['wheels', 'latency'] as const)
+      expect(extremes(chart, points, 1)).toBe(null)
+    // What was near for a moment is not lost in a mean.
+    const around = extremes('range', points, 1_000)
+    expect(gist([1.5, null, 1.5], around)).toEqual({ now: 1.5, least: 0.3, most: 1.7, mean: 1.5 })
   })
 
   it('show how long answers took', () => {
