@@ -3,6 +3,9 @@
 use std::collections::VecDeque;
 use std::task::Waker;
 
+/// Segments whose room an empty pipe keeps: so many are under way at a time, nearly always.
+const KEPT_SEGMENTS: usize = 4;
+
 /// Never, while the link is cut.
 pub(crate) const HELD: u64 = u64::MAX;
 
@@ -99,7 +102,9 @@ impl Pipe {
     fn give_back(&mut self) {
         if self.bytes.is_empty() && self.bytes.capacity() > 0 {
             self.bytes = VecDeque::new();
-            self.segments = VecDeque::new();
+            if self.segments.capacity() > KEPT_SEGMENTS {
+                self.segments = VecDeque::new();
+            }
         }
     }
 

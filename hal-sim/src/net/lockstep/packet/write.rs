@@ -56,6 +56,7 @@ pub(in crate::net::lockstep) fn write_publish(
     id: u16,
     duplicate: bool,
 ) {
+    out.reserve(publish_len(message));
     let qos = u8::from(message.at_least_once);
     out.push(0x30 | u8::from(duplicate) << 3 | qos << 1 | u8::from(message.retain));
     write_varint(out, publish_rest(message));

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::retained::Kept;
-use super::routing::{Author, Message};
+use super::routing::{Author, Letter, Message};
 use super::{Output, Peer};
 use crate::net::lockstep::packet::{self, Publication};
 use crate::world::Fingerprint;
@@ -184,6 +184,7 @@ impl Peer {
                 Arc::new(message)
             }
         };
+        let mut letter = Letter::of(&message);
         for index in self.listeners(message.topic()) {
             let Some(session) = &self.sessions[index] else {
                 continue;
@@ -192,7 +193,7 @@ impl Peer {
                 || session.wanted_before(message.topic(), self.window)
                 || (own && session.link == link);
             if heard {
-                self.deliver(index, &message, false, out);
+                self.deliver(index, &mut letter, false, out);
             }
         }
     }

@@ -80,6 +80,37 @@ impl Message {
     }
 }
 
+/// A message on its way to those who listen. It is copied when the first of them has to wait for it.
+#[derive(Debug)]
+pub(super) struct Letter<'a> {
+    message: Publication<'a>,
+    kept: Option<Arc<Message>>,
+}
+
+impl<'a> Letter<'a> {
+    fn new(message: Publication<'a>) -> Self {
+        Self {
+            message,
+            kept: None,
+        }
+    }
+
+    pub(super) fn of(kept: &'a Arc<Message>) -> Self {
+        Self {
+            message: kept.publication(true, kept.retain),
+            kept: Some(Arc::clone(kept)),
+        }
+    }
+
+    fn kept(&mut self) -> Arc<Message> {
+        let message = &self.message;
+        let kept = self
+            .kept
+            .get_or_insert_with(|| Arc::new(Message::of(message)));
+        Arc::clone(kept)
+    }
+}
+
 impl Peer {
     pub(super) fn forget_filter(&mut self, session: usize, filter: &str) {
         self.tell_abroad(filter, false);
@@ -149,7 +180,7 @@ impl Peer {
         }
         packet::write_sub_ack(out.to(connection), 0x90, id, &codes);
         for message in welcome {
-            self.deliver(client.session, &message, true, out);
+            self.deliver(client.session, &mut Letter::of(&message), true, out);
         }
         Ok(())
     }
@@ -222,13 +253,9 @@ impl Peer {
         if message.retain {
             self.keep(message);
         }
-        let listeners = self.listeners(message.topic);
-        if listeners.is_empty() {
-            return;
-        }
-        let shared = Arc::new(Message::of(message));
-        for index in listeners {
-            self.deliver(index, &shared, false, out);
+        let mut letter = Letter::new(*message);
+        for index in self.listeners(message.topic) {
+            self.deliver(index, &mut letter, false, out);
         }
     }
 
@@ -273,20 +300,24 @@ impl Peer {
     pub(super) fn deliver(
         &mut self,
         index: usize,
-        message: &Arc<Message>,
+        letter: &mut Letter<'_>,
         retained: bool,
         out: &mut Output,
     ) {
         let Some(session) = &mut self.sessions[index] else {
             return;
         };
-        let granted = session
-            .filters
-            .iter()
-            .any(|f| f.at_least_once && packet::matches(&f.text, &message.topic));
-        let publication = message.publication(granted, retained);
-        if !publication.at_least_once {
+        let message = letter.message;
+        let mut filters = session.filters.iter();
+        let at_least_once = message.at_least_once
+            && filters.any(|f| f.at_least_once && packet::matches(&f.text, message.topic));
+        if !at_least_once {
             // QoS 0: now or never.
+            let publication = Publication {
+                at_least_once,
+                retain: retained,
+                ..message
+            };
             if let Some(connection) = session.connection {
                 if packet::publish_len(&publication) > session.largest {
                     self.statistics.dropped += 1;
@@ -304,9 +335,9 @@ impl Peer {
         if let Some((share, rng)) = &mut self.repeats
             && uniform(rng) < *share
         {
-            session.queue.push_back((Arc::clone(message), retained));
+            session.queue.push_back((letter.kept(), retained));
         }
-        session.queue.push_back((Arc::clone(message), retained));
+        session.queue.push_back((letter.kept(), retained));
         self.pump(index, out);
     }
 
