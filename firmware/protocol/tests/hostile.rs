@@ -230,7 +230,126 @@ fn what_is_passed_over_is_no_deeper_than_what_is_read() {
     }
 }
 
+/// The middle between two numbers of 32 bits, or what is next to it in the fifteenth digit.
+fn middle() -> impl Strategy<Value = String> {
+    (0_u32..(1 << 24), 0_u32..40, -1_i64..=1).prop_map(|(bits, places, off)| {
+        let whole = i64::from(bits) * 2 + (1 << 25) + 1;
+        if places < 20 {
+            // Beyond 24 bits only: the last bit is the half.
+            return (whole + off).to_string();
+        }
+        let value = whole as f64 / f64::from(1_u32 << (places - 20));
+        format!("{:.*}", 15 - value.log10().floor() as usize - 1, value)
+    })
+}
+
+/// A member of a digest: one that belongs there once more, one with a value that may not be, or one that is unknown.
+fn member_of_digest() -> impl Strategy<Value = &'static str> {
+    proptest::sample::select(vec![
+        r#""x":32767"#,
+        r#""x":32768"#,
+        r#""x":1.0"#,
+        r#""\u0078":-7"#,
+        r#""y":"1""#,
+        r#""y":null"#,
+        r#""timestamp":18446744073709551615"#,
+        r#""timestamp":-1"#,
+        r#""count":65536"#,
+        r#""count":true"#,
+        r#""robots":[]"#,
+        r#""robots":{}"#,
+        r#""robots":"none""#,
+        r#""robots":[null]"#,
+        r#""robots":[{}]"#,
+        r#""z":{"x":[1,2,{}]}"#,
+        r#""":0"#,
+    ])
+}
+
+/// The same of a robot in one.
+fn member_of_neighbour() -> impl Strategy<Value = &'static str> {
+    proptest::sample::select(vec![
+        r#""id":"b""#,
+        r#""\u0069d":"b""#,
+        r#""id":"no name""#,
+        r#""x":1e39"#,
+        r#""v":"fast""#,
+        r#""w":[]"#,
+        r#""says":[1,2,3]"#,
+        r#""says":[1]"#,
+        r#""says":[]"#,
+        r#""says":null"#,
+        r#""says":[1,2,3,4,5,6,7]"#,
+        r#""colour":"red""#,
+    ])
+}
+
 proptest! {
+    /// A number is the nearest one of 32 bits, however it is written; close to the middle between two of them too.
+    #[test]
+    fn numbers_are_read_to_the_last_bit(
+        text in proptest::prop_oneof![
+            "-?(0|[1-9][0-9]{0,17})(\\.[0-9]{1,17})?([eE][+-]?[0-9]{1,2})?",
+            "-?(0|[1-9][0-9]{0,3})(\\.[0-9]{1,12})?",
+            middle(),
+        ],
+    ) {
+        let digest = format!(
+            r#"{{"x":0,"y":0,"timestamp":1,"count":1,"robots":[{{"id":"a","x":{text},"y":0,"theta":0,"v":0,"w":0}}]}}"#
+        );
+        let read = CellDigest::from_json(digest.as_bytes()).map(|digest| digest.robots[0].x.to_bits());
+        let nearest: f32 = text.parse().expect("a number");
+        let nearest = nearest.is_finite().then_some(nearest.to_bits());
+        prop_assert_eq!(read, nearest.ok_or(DecodeError::OutOfRange), "{}", text);
+    }
+
+    /// Digests put together from members that belong and members that do not: read field by field they come to
+    /// what serde's own reading of the same types comes to, and what is refused is refused for the same reason.
+    #[test]
+    fn digests_are_read_as_serde_reads_them(
+        members in proptest::collection::vec(member_of_digest(), 0..4),
+        robots in proptest::collection::vec(proptest::collection::vec(member_of_neighbour(), 0..3), 0..18),
+        place in any::<proptest::sample::Index>(),
+    ) {
+        let whole = r#""id":"a","x":1.5,"y":-2,"theta":0.25,"v":0,"w":1e-3"#;
+        let robots: Vec<_> = robots
+            .iter()
+            .map(|more| format!("{{{}}}", [whole].into_iter().chain(more.iter().copied()).collect::<Vec<_>>().join(",")))
+            .collect();
+        let robots = format!(r#""robots":[{}]"#, robots.join(","));
+        let mut all: Vec<&str> = vec![r#""x":0"#, r#""y" : -1"#, r#""timestamp":17"#, r#""count":2"#, &robots];
+        // One is left out, and others come in its place.
+        let at = place.index(all.len() + 1);
+        if at < all.len() {
+            all.remove(at);
+        }
+        all.splice(at.min(all.len())..at.min(all.len()), members);
+        let text = format!("{{{}}}", all.join(","));
+        let read = CellDigest::from_json(text.as_bytes());
+        if text.len() > MAX_MESSAGE {
+            prop_assert_eq!(read, Err(DecodeError::TooLarge));
+            return Ok(());
+        }
+        match serde_json::from_str::<CellDigest>(&text) {
+            Ok(digest) => prop_assert_eq!(read, Ok(digest), "{}", text),
+            Err(error) => {
+                let said = error.to_string();
+                let reasons = [
+                    ("unknown field", DecodeError::UnknownField),
+                    ("duplicate field", DecodeError::DuplicateField),
+                    ("missing field", DecodeError::MissingField),
+                    ("invalid type", DecodeError::WrongType),
+                    ("invalid value", DecodeError::OutOfRange),
+                    ("invalid length", DecodeError::OutOfRange),
+                    ("number out of range", DecodeError::OutOfRange),
+                ];
+                let reason = reasons.into_iter().find(|(start, _)| said.starts_with(start));
+                let (_, reason) = reason.expect(&said);
+                prop_assert_eq!(read, Err(reason), "{}: {}", said, text);
+            }
+        }
+    }
+
     /// Digests with a piece cut out, doubled or overwritten.
     #[test]
     fn damaged_digests(
