@@ -80,7 +80,7 @@ fn live_through(seed: u64, mut steps: Vec<(u32, usize, Step)>) -> Vec<Watched> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+    #![proptest_config(crawler_properties::cases(24))]
 
     #[test]
     fn no_schedule_of_faults_breaks_a_safety_rule(

@@ -296,7 +296,7 @@ fn action() -> impl Strategy<Value = Step> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 8, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..crawler_properties::cases(8) })]
 
     #[test]
     fn whatever_is_done_to_a_world_its_history_is_the_same_on_three_threads(

@@ -138,7 +138,7 @@ fn ready(stream: &TcpStream) -> usize {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
+    #![proptest_config(crawler_properties::cases(12))]
 
     #[test]
     fn bytes_keep_their_order_and_content(

@@ -24,6 +24,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("crawler-convert", &["crawler-micromodel"]),
     ("crawler-detector", &[]),
     ("crawler-policy", &[]),
+    ("crawler-properties", &[]),
     ("crawler-drivers", &["crawler-hal"]),
     ("crawler-protocol", &["crawler-hal"]),
     ("crawler-release", &[]),

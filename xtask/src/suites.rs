@@ -97,7 +97,8 @@ impl Selection {
         }
     }
 
-    /// Everything, with `cases` for each property that says no number of its own, drawn from `seed`.
+    /// Everything, with `cases` for each property, drawn from `seed`; one that says a number of its own tries as many times
+    /// more as the others.
     pub(crate) fn drawn_from(seed: u64, cases: u32) -> Self {
         Self {
             properties: Some((seed, cases)),

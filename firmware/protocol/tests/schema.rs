@@ -68,7 +68,7 @@ fn every_message_has_a_schema_and_its_fields_are_described() {
 macro_rules! agrees {
     ($($test:ident: $schema:literal;)+) => {
         proptest! {
-            #![proptest_config(ProptestConfig::with_cases(64))]
+            #![proptest_config(crawler_properties::cases(64))]
             $(#[test]
             fn $test(message in crate::common::$test()) {
                 let mut buf = [0; MAX_MESSAGE];

@@ -22,7 +22,7 @@ fn opened(envelope: &[u8]) -> Result<Manifest<'_>, Refusal> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(32))]
+    #![proptest_config(crawler_properties::cases(32))]
 
     #[test]
     fn what_either_key_signed_is_believed(draft in drafts(), with in 1..=2_u8) {

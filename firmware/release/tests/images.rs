@@ -24,7 +24,7 @@ fn check(manifest: &Manifest<'_>, image: &[u8], slice: usize) -> Result<(), Imag
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(crawler_properties::cases(24))]
 
     #[test]
     fn an_image_is_itself_in_any_slices(length in 1..200_000_usize, slice in 1..70_000_usize, seed: u8) {

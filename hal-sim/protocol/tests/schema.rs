@@ -34,7 +34,7 @@ fn those_of_robots_come_first() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(crawler_properties::cases(64))]
     #[test]
     fn simulator_command(command in crate::common::simulator_command()) {
         let mut buf = [0; MAX_MESSAGE];

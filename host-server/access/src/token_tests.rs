@@ -199,7 +199,7 @@ fn a_token_with_one_other_byte_never_verifies() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2_000))]
+    #![proptest_config(crawler_properties::cases(2_000))]
 
     #[test]
     fn a_hostile_token_never_verifies(

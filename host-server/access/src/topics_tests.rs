@@ -417,7 +417,7 @@ fn somebody() -> impl Strategy<Value = Principal> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(20_000))]
+    #![proptest_config(crawler_properties::cases(20_000))]
 
     #[test]
     fn a_filter_is_allowed_only_if_all_that_it_matches_is(

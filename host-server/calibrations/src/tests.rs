@@ -927,7 +927,7 @@ fn drive(body: &mut Body, ground: &Ground, limits: Limits, seed: u64) -> (Option
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..crawler_properties::cases(24) })]
 
     /// Wherever it is permitted, no robot gets to the edge of what it is permitted in, nor has it to be stopped there.
     #[test]

@@ -231,7 +231,7 @@ impl Scene {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(if cfg!(miri) { 4 } else { 1_000 }))]
+    #![proptest_config(crawler_properties::cases(if cfg!(miri) { 4 } else { 1_000 }))]
 
     /// Every command ends exactly once, with an answer or without, and none runs twice.
     #[test]

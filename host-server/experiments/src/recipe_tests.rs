@@ -172,7 +172,7 @@ fn a_world_that_cannot_be_built_is_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(crawler_properties::cases(64))]
 
     /// Whatever is accepted is the same on the command line.
     #[test]

@@ -618,7 +618,7 @@ fn the_gap_of_a_robot_closes_when_it_is_calibrated_and_that_of_the_fleet_with_it
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(48))]
+    #![proptest_config(crawler_properties::cases(48))]
 
     #[test]
     fn whatever_is_said_what_twins_know_are_numbers(

@@ -97,7 +97,7 @@ fn what_is_signed_is_verified() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(crawler_properties::cases(64))]
 
     #[test]
     fn a_file_that_was_changed_is_found_out(length in 1..80_000_usize, at: proptest::sample::Index, bit in 0..8_u8) {

@@ -82,7 +82,7 @@ fn other_versions_and_other_files_are_named() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 2_000, ..ProptestConfig::default() })]
+    #![proptest_config(crawler_properties::cases(2_000))]
 
     #[test]
     fn changed_and_signed_blobs_are_survived(

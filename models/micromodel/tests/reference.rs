@@ -19,7 +19,7 @@ fn rows(frame: &[i8]) -> impl Fn(usize, &mut [i8]) + '_ {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 600, ..ProptestConfig::default() })]
+    #![proptest_config(crawler_properties::cases(600))]
 
     #[test]
     fn the_same_comes_out(seed: u64) {

@@ -17,7 +17,7 @@ fn signed(mut bytes: Vec<u8>) -> Vec<u8> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+    #![proptest_config(crawler_properties::cases(64))]
 
     /// Whatever is changed: an error, or a run that goes on.
     #[test]

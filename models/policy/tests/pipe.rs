@@ -268,7 +268,7 @@ fn session() -> impl Strategy<Value = Vec<u8>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
+    #![proptest_config(crawler_properties::cases(256))]
 
     /// Whatever comes in: whole frames go out, no more than came in, none longer than all worlds.
     #[test]

@@ -274,7 +274,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(5_000))]
+        #![proptest_config(crawler_properties::cases(5_000))]
         #[test]
         fn lengths_and_directions_are_those_of_floats(
             x in prop_oneof![-20_000..20_000_i32, any::<i32>()],

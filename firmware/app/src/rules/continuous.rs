@@ -26,7 +26,7 @@ fn magnitudes(bench: &Bench) -> [f32; 2] {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, max_shrink_iters: 2_000, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { max_shrink_iters: 2_000, ..crawler_properties::cases(300) })]
 
     /// For every ramp there is, and periods of up to twice their length: words at the pace of
     /// a controller are obeyed in full, and 500 ms after the last one the wheels stand.

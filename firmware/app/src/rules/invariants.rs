@@ -15,7 +15,7 @@ use crate::perception::{LinkHealth, Sight};
 const CASES: u32 = 300;
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: CASES, max_shrink_iters: 2_000, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { max_shrink_iters: 2_000, ..crawler_properties::cases(CASES) })]
 
     /// All rules at once: whatever happens in whatever order.
     #[test]

@@ -217,7 +217,7 @@ fn a_value_that_is_not_kept_needs_no_flash() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(crawler_properties::cases(200))]
 
     /// Power cuts after any byte of any write: what is loaded afterwards is what was set before,
     /// or what was being set, and never anything else.

@@ -47,7 +47,7 @@ fn happening() -> impl Strategy<Value = Happening> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
+    #![proptest_config(crawler_properties::cases(300))]
 
     /// The model of it all: one proven program, and one that may come to be.
     #[test]

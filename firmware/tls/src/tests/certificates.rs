@@ -266,7 +266,7 @@ fn sample() -> (Vec<u8>, Expected<'static>) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
+    #![proptest_config(crawler_properties::cases(300))]
     #[test]
     fn no_byte_of_a_certificate_can_be_changed(at in any::<prop::sample::Index>(), by in 1_u8..) {
         let (mut list, expected) = sample();

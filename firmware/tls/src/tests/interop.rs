@@ -236,7 +236,7 @@ impl Peer for Tampered {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(crawler_properties::cases(200))]
     #[test]
     fn no_bit_of_a_handshake_can_be_changed(at in 0_usize..900, bit in 0_u8..8) {
         let root = Made::root();

@@ -201,7 +201,7 @@ fn defects_show_at_their_share_of_robots_and_at_others_with_another_build() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(crawler_properties::cases(200))]
 
     /// Whatever is in the flash, starting comes to an end without a panic.
     #[test]

@@ -160,7 +160,7 @@ fn a_reset_of_the_controller_lets_the_chip_finish_and_a_power_cut_does_not() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(crawler_properties::cases(64))]
 
     /// Wherever the power goes within a write, what is before is written, what is behind is not.
     #[test]

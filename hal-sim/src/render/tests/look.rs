@@ -401,7 +401,7 @@ fn form(kind: u8, a: f32, b: f32, height: f32, turn: f32) -> Form {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+    #![proptest_config(crawler_properties::cases(96))]
 
     /// Only pixels that may show a shape are looked at; none is forgotten.
     #[test]

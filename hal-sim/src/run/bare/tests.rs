@@ -153,7 +153,7 @@ fn bytes_that_are_no_world_are_refused_with_a_reason() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
+    #![proptest_config(crawler_properties::cases(400))]
 
     /// Whoever changes bytes and seals them again gets an error, or a world that goes on.
     #[test]

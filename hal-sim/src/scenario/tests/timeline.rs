@@ -229,7 +229,7 @@ fn file() -> impl Strategy<Value = String> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(400))]
+    #![proptest_config(crawler_properties::cases(400))]
 
     /// Whatever a file has become, it is a scenario or is refused with a reason.
     #[test]

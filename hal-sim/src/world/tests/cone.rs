@@ -49,7 +49,7 @@ fn agree(exact: Option<f32>, sampled: Option<f32>, widened: Option<f32>) -> bool
 const SAMPLES: u16 = 20_000;
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
+    #![proptest_config(crawler_properties::cases(400))]
 
     #[test]
     fn a_disc_echoes_from_its_nearest_point_in_the_cone(

@@ -36,7 +36,7 @@ fn deepest(bench: &TestWorld, arena: &Arena, radius: f32) -> f32 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
+    #![proptest_config(crawler_properties::cases(60))]
 
     #[test]
     fn no_robot_is_ever_inside_anything_or_faster_than_it_can_be(

@@ -173,7 +173,7 @@ fn anything() -> impl Strategy<Value = Dropped> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(crawler_properties::cases(64))]
 
     #[test]
     fn nothing_is_ever_dropped_on_a_robot(

@@ -188,7 +188,7 @@ fn two_robots_face_to_face_disturb_each_other_and_back_to_back_do_not() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, ..ProptestConfig::default() })]
+    #![proptest_config(crawler_properties::cases(300))]
 
     /// Whoever hears the other would be heard by it.
     #[test]

@@ -39,7 +39,7 @@ fn energy(space: &Space) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
+    #![proptest_config(crawler_properties::cases(200))]
 
     #[test]
     fn impulses_between_robots_make_neither_momentum_nor_energy(

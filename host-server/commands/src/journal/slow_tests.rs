@@ -312,7 +312,7 @@ fn live(scratch: &Scratch, steps: Vec<Step>, cut: prop::sample::Index) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(crawler_properties::cases(64))]
 
     /// Whatever comes between giving a command and its crash: what somebody was told to be safe is owed
     /// by the next start, under the number that it may have gone under.

@@ -90,7 +90,7 @@ fn logits(policy: &Policy, observation: &Observation) -> Vec<f64> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(crawler_properties::cases(64))]
     #[test]
     fn logits_in_whole_numbers_are_those_of_floats(
         seed in 0..4_u64,

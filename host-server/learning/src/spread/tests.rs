@@ -143,7 +143,7 @@ fn who_chooses_anew_each_time_goes_nowhere() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(crawler_properties::cases(24))]
     #[test]
     fn what_is_earned_and_observed_is_within_bounds(number in 0..1_000_u32, draws: u64) {
         let (seen, _) = drive(Seed::evaluation(number), draws, 80);

@@ -246,10 +246,9 @@ async fn paged(records: &Records, mut query: EventQuery) -> Vec<StoredEvent> {
 
 proptest! {
     #![proptest_config(ProptestConfig {
-        // A database costs a moment each time.
-        cases: if on_postgres() { 4 } else { 48 },
         failure_persistence: None,
-        ..ProptestConfig::default()
+        // A database costs a moment each time.
+        ..crawler_properties::cases(if on_postgres() { 4 } else { 48 })
     })]
 
     #[test]

@@ -100,7 +100,7 @@ fn a_short_drive_on_little_floor_finds_hidden_robots_out() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..crawler_properties::cases(48) })]
 
     /// Whatever robot it is: it stays within what was permitted.
     #[test]

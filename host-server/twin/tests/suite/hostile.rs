@@ -23,7 +23,7 @@ fn stamp() -> impl Strategy<Value = f64> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(48))]
+    #![proptest_config(crawler_properties::cases(48))]
 
     #[test]
     fn any_rows_come_to_an_end(

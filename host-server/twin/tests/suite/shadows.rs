@@ -430,7 +430,7 @@ fn nothing_is_named_in_hours_of_health() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(crawler_properties::cases(64))]
 
     #[test]
     fn whatever_comes_what_it_says_are_numbers(

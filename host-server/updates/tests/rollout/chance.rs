@@ -278,7 +278,7 @@ impl Chance {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
+    #![proptest_config(crawler_properties::cases(300))]
 
     #[test]
     fn whatever_happens_the_rules_hold(

@@ -435,7 +435,7 @@ fn commands_queued_for_a_robot_that_was_away_meet_the_clock() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
+    #![proptest_config(crawler_properties::cases(256))]
 
     #[test]
     fn no_bytes_of_the_broker_make_the_link_panic(

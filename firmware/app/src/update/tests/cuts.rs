@@ -8,7 +8,7 @@ use super::life::{End, Life, World};
 use super::releases::Draft;
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
+    #![proptest_config(crawler_properties::cases(48))]
 
     /// Whenever the power goes, and however often: the robot starts a whole program, goes on where it was, and in the
     /// end runs the new one. At most a block is sent again for each time.

@@ -150,7 +150,7 @@ fn a_flash_that_fails_once_costs_the_patch() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 32, ..ProptestConfig::default() })]
+    #![proptest_config(crawler_properties::cases(32))]
 
     /// Whenever the power goes, and however often: the patch comes once more from its beginning, and nothing of the
     /// image; what is there is neither erased nor written again.

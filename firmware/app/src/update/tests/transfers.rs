@@ -90,7 +90,7 @@ impl Model {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 512, ..ProptestConfig::default() })]
+    #![proptest_config(crawler_properties::cases(512))]
 
     /// Whatever happens: nothing is erased before the manifest is believed and otadata names what runs; nothing is
     /// noted that was not received and checked; nothing is started that is not whole; at most a window is asked for,

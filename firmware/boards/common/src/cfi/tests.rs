@@ -381,7 +381,7 @@ fn an_image_is_erased_from_its_front_and_nothing_else_with_it() {
 fn multiwrite<F: MultiwriteNorFlash>(_: &F) {}
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(crawler_properties::cases(64))]
     #[test]
     fn it_is_an_array_of_bytes(
         probed: bool,

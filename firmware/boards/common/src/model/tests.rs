@@ -113,7 +113,7 @@ fn time_lost_by_the_board_is_not_made_up_for_without_end() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(crawler_properties::cases(64))]
     #[test]
     fn whatever_is_driven_it_stays_in_its_room(
         name in "[a-z]{1,8}",

@@ -281,7 +281,7 @@ fn step() -> impl Strategy<Value = Step> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(crawler_properties::cases(64))]
 
     /// However changes and looks alternate, every look goes by the last word before it, and no buffer is lost.
     #[test]

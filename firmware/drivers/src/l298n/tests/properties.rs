@@ -35,7 +35,7 @@ fn step() -> impl Strategy<Value = Step> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2_000))]
+    #![proptest_config(crawler_properties::cases(2_000))]
 
     /// Also with outputs that fail and come back, and calls at any rhythm.
     #[test]

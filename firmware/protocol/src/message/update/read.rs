@@ -257,7 +257,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(4_000))]
+        #![proptest_config(crawler_properties::cases(4_000))]
 
         #[test]
         fn by_hand_and_derived_are_the_same(message in messages(), cut in prop::option::weighted(0.1, 0..120_usize)) {

@@ -176,7 +176,7 @@ fn is_free_of_conflicts(assigned: &[Option<u8>]) -> bool {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(96))]
+    #![proptest_config(crawler_properties::cases(96))]
 
     #[test]
     fn tasks_are_shared_out_without_conflict_and_well(

@@ -68,7 +68,7 @@ fn step(robot: &mut Consensus, near: &[Neighbour], reading: &Reading, round: u32
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(crawler_properties::cases(64))]
 
     #[test]
     fn a_round_stays_in_the_hull_of_the_honest(

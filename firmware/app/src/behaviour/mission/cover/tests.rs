@@ -26,7 +26,7 @@ impl Draw {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(crawler_properties::cases(64))]
 
     #[test]
     fn a_cell_is_what_is_nearer_to_nobody_else(
