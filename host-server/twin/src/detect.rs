@@ -22,6 +22,8 @@ const LOOK_BACK: usize = 40;
 const UNSETTLED: u32 = 20;
 /// What is less than this is how bodies are, not a fault.
 const LEAST_AMOUNT: f64 = 0.04;
+/// So many times the driving that gave a fault its name outweighs that.
+const OUTWEIGHS: f64 = 5.0;
 /// A wheel that is slower than this may as well stand: when it starts nobody knows to the volt. Metres per second.
 const SLOWEST_MPS: f64 = 0.08;
 /// So many jumps within [`JUMPS_S`] are the tracker's.
@@ -210,8 +212,9 @@ pub(crate) struct Detector {
     sizes: [(f64, f64); 4],
     /// Fixes since it was named.
     since: u32,
-    /// How large it was when it got its name.
+    /// How large it was when it got its name, and from how much driving.
     first: f64,
+    first_way: f64,
     /// Evidence that what was named is over.
     over: f64,
     jumps: VecDeque<f64>,
@@ -329,6 +332,7 @@ impl Detector {
                 if renames {
                     (*kind, fault.fault) = (best, named);
                     self.first = amount(self.sizes[best as usize]);
+                    self.first_way = self.sizes[best as usize].1;
                 }
             }
             let there = look[*kind as usize];
@@ -336,7 +340,11 @@ impl Detector {
             // What is over is less and less on the whole, and must not become too little to be told from nothing.
             let size = fault.amount.max(0.5 * self.first).max(LEAST_AMOUNT);
             self.over = (self.over - ratio(there, -size)).max(0.0);
-            if self.over > THRESHOLD {
+            // Who hardly turns says next to nothing about a slip. What comes to so little of all it did since would not be
+            // named.
+            let driven = self.sizes[*kind as usize].1 > OUTWEIGHS * self.first_way;
+            let is_nothing = driven && fault.amount < 0.5 * LEAST_AMOUNT;
+            if self.over > THRESHOLD || is_nothing {
                 self.named = None;
                 self.over = 0.0;
                 self.sums = Default::default();
@@ -406,6 +414,7 @@ impl Detector {
             return None;
         }
         (self.sizes, self.since, self.first) = (sizes, 0, amount);
+        self.first_way = sizes[kind as usize].1;
         Some((
             Fault {
                 fault,
@@ -446,4 +455,62 @@ const fn name_of(kind: Kind, amount: f64) -> FaultName {
 /// The share that is missing.
 fn amount((moved, way): (f64, f64)) -> f64 {
     (-moved / way.max(1e-9)).clamp(0.0, 1.3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Fixes of a robot that drives straight on and turns now and then, whose turns come short by a share.
+    fn drive(detector: &mut Detector, from: u32, fixes: u32, short: f64) {
+        for fix in from..from + fixes {
+            let turn = if fix % 20 < 2 { 0.03 } else { 0.001 };
+            let sight = Sight {
+                ways: [0.03 - 0.07 * turn, 0.03 + 0.07 * turn],
+                seconds: 0.1,
+                heading: 0.0,
+            };
+            let moved = [0.0, 0.0, -short * turn];
+            let mut inverse = [[0.0; 3]; 3];
+            for (i, sigma) in [0.01_f64, 0.01, 0.02].into_iter().enumerate() {
+                inverse[i][i] = 1.0 / (sigma * sigma);
+            }
+            let told = Innovation {
+                left: moved,
+                inverse,
+                moved: Some(moved),
+            };
+            detector.look(&sight, &told, f64::from(fix) * 0.1, 0.14);
+        }
+    }
+
+    #[test]
+    fn a_slip_that_was_none_is_over_though_the_robot_hardly_turns() {
+        // By four seconds of driving it turns 8 % less than its wheels do.
+        let named = || {
+            let way = 40.0 * 0.25 * 0.03 * 0.03 * 0.1;
+            let fault = Fault {
+                fault: FaultName::Slipping,
+                since_s: 0.0,
+                amount: 0.08,
+            };
+            let mut detector = Detector {
+                named: Some((fault, Kind::Turn)),
+                since: UNSETTLED + 1,
+                first: fault.amount,
+                first_way: way,
+                ..Detector::default()
+            };
+            detector.sizes[Kind::Turn as usize] = (-fault.amount * way, way);
+            detector
+        };
+        let mut none = named();
+        drive(&mut none, 0, 600, 0.0);
+        assert!(none.is_quiet(), "{:?}", none.faults());
+        // While it lasts it stays.
+        let mut slips = named();
+        drive(&mut slips, 0, 6_000, 0.08);
+        let there = slips.faults()[0].amount;
+        assert!((there - 0.08).abs() < 0.01, "{there}");
+    }
 }
