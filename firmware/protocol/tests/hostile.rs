@@ -285,7 +285,8 @@ fn member_of_neighbour() -> impl Strategy<Value = &'static str> {
 }
 
 proptest! {
-    /// A number is the nearest one of 32 bits, however it is written; close to the middle between two of them too.
+    /// A number is the nearest one of 32 bits, however it is written: by way of 64 it would be rounded twice, and be
+    /// another one close to the middle between two.
     #[test]
     fn numbers_are_read_to_the_last_bit(
         text in proptest::prop_oneof![
@@ -303,10 +304,10 @@ proptest! {
         prop_assert_eq!(read, nearest.ok_or(DecodeError::OutOfRange), "{}", text);
     }
 
-    /// Digests put together from members that belong and members that do not: read field by field they come to
-    /// what serde's own reading of the same types comes to, and what is refused is refused for the same reason.
+    /// Digests put together from members that belong and members that do not: our reader comes to what `serde_json`
+    /// makes of the same types, and refuses for the same reason.
     #[test]
-    fn digests_are_read_as_serde_reads_them(
+    fn digests_are_read_as_serde_json_reads_them(
         members in proptest::collection::vec(member_of_digest(), 0..4),
         robots in proptest::collection::vec(proptest::collection::vec(member_of_neighbour(), 0..3), 0..18),
         place in any::<proptest::sample::Index>(),
@@ -323,7 +324,7 @@ proptest! {
         if at < all.len() {
             all.remove(at);
         }
-        all.splice(at.min(all.len())..at.min(all.len()), members);
+        all.splice(at..at, members);
         let text = format!("{{{}}}", all.join(","));
         let read = CellDigest::from_json(text.as_bytes());
         if text.len() > MAX_MESSAGE {
