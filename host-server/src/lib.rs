@@ -7,7 +7,7 @@
 //!
 //! Reading order: `run`, `config` and `server`, which starts the parts; `addresses`, where a running server is.
 //! The command line: `cli`, `console`, `release`, `replay`, `twin`, and `rollout`, which speaks to a running server through
-//! `client`. `terminal` asks for passwords, `calendar` has moments as people read them.
+//! `client`. `room` has what robots of an arena may touch, `terminal` asks for passwords, `calendar` has moments as people read them.
 
 pub mod cli;
 pub mod config;
@@ -22,6 +22,7 @@ pub mod twin;
 mod addresses;
 mod calendar;
 mod client;
+mod room;
 mod terminal;
 
 pub use crawler_server_tls::TlsError;

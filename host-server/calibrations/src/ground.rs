@@ -3,6 +3,8 @@
 use std::fmt;
 use std::sync::Arc;
 
+pub use crawler_twin::around::{Room, Solid};
+
 /// Metres from the middle of a robot to whatever ends the place it may drive in: its body, what it may go beyond what
 /// was rehearsed before it is stopped, and what it takes to stop.
 pub const CLEAR_M: f64 = 0.35;
@@ -51,40 +53,6 @@ pub struct Border {
     pub region: Arc<dyn Region>,
 }
 
-/// Something that stands in the way: a box whose edges are rounded.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Solid {
-    /// Its middle, metres.
-    pub at: [f64; 2],
-    /// Half of its length and width, metres.
-    pub half: [f64; 2],
-    /// How it is turned, anticlockwise, radians.
-    pub theta: f64,
-    /// What is around the box, metres.
-    pub radius: f64,
-}
-
-impl Solid {
-    /// How far it is from a place, metres.
-    #[must_use]
-    pub fn distance(&self, at: [f64; 2]) -> f64 {
-        let (sin, cos) = self.theta.sin_cos();
-        let (dx, dy) = (at[0] - self.at[0], at[1] - self.at[1]);
-        let along = (cos * dx + sin * dy).abs() - self.half[0];
-        let across = (cos * dy - sin * dx).abs() - self.half[1];
-        along.max(0.0).hypot(across.max(0.0)) - self.radius
-    }
-}
-
-/// The walled rectangle around the origin that simulated robots are in.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Room {
-    /// Length and width, metres.
-    pub sides: [f64; 2],
-    /// What stands in it.
-    pub solids: Vec<Solid>,
-}
-
 /// All that is known of the ground.
 #[derive(Debug, Clone, Default)]
 pub struct Ground {
@@ -120,7 +88,7 @@ impl Ground {
             return Some("the edge of the free area".to_owned());
         }
         let room = self.room.as_ref()?;
-        if (0..2).any(|axis| at[axis].abs() > room.sides[axis] * 0.5 - CLEAR_M) {
+        if room.to_wall(at) < CLEAR_M {
             return Some("a wall".to_owned());
         }
         let is_near = |solid: &&Solid| solid.distance(at) < CLEAR_M;

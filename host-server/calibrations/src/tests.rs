@@ -280,7 +280,7 @@ impl Site {
             10,
             folder.0.join("twins"),
             (begun.into_std(), BEGUN_MS),
-            |_| None,
+            |_: &RobotId| None,
         );
         let (world, heard) = (Arc::clone(&toy), Arc::clone(&twins));
         tokio::spawn(async move {

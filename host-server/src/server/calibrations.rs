@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use crawler_calibrations::ground::{Border, Ground, Region, Room, Solid};
+use crawler_calibrations::ground::{Border, Ground, Region};
 use crawler_calibrations::robots::{AROUND_M, Fleet, RobotView, SOURCE};
 use crawler_calibrations::{Calibrations, Parts as CalibrationParts};
 use crawler_commands::{CommandCenter, Target};
@@ -11,7 +11,6 @@ use crawler_protocol::open::Open;
 use crawler_protocol::{
     Action, BehaviourName, Capability, Kind, ParameterValue, ParameterValues, RobotId, Source,
 };
-use crawler_sim::world::{Arena, Obstacle};
 use crawler_simulations::Simulation;
 use crawler_system::clock::unix_ms;
 use tokio::runtime::Handle;
@@ -19,6 +18,7 @@ use tokio::runtime::Handle;
 use super::StartError;
 use super::hub::Hub;
 use crate::config::Settings;
+use crate::room::room;
 
 /// Where calibrations are kept, in the data directory.
 const FOLDER: &str = "calibrations";
@@ -85,7 +85,11 @@ impl Fleet for FleetOf {
         Ground {
             fences,
             area: None,
-            room: world.map(|world| room(&world.scene().arena, at)),
+            room: world.map(|world| {
+                let mut room = room(&world.scene().arena);
+                room.solids.retain(|solid| solid.distance(at) < AROUND_M);
+                room
+            }),
         }
     }
 
@@ -191,53 +195,5 @@ fn view(robot: &Robot) -> RobotView {
         max_speed: parameter("max_speed"),
         max_turn: parameter("max_turn"),
         telemetry_hz: parameter("telemetry_hz"),
-    }
-}
-
-/// The room that simulated robots are in, with what stands around a place.
-fn room(arena: &Arena, at: [f64; 2]) -> Room {
-    let still = arena.obstacles.iter().map(solid);
-    let objects = arena.objects.iter().map(|object| Solid {
-        at: [object.x, object.y].map(f64::from),
-        radius: f64::from(object.size) * 0.75,
-        ..Solid::default()
-    });
-    // What moves is wherever it may get.
-    let movers = arena.movers.iter().flat_map(|mover| {
-        let body = solid(&mover.body);
-        let corners = mover.path.iter().map(|corner| corner.map(f64::from));
-        let from = std::iter::once(body.at).chain(corners.clone());
-        let to: Vec<_> = corners.chain([body.at]).collect();
-        let legs: Vec<_> = from.zip(to).collect();
-        legs.into_iter().map(move |(a, b)| {
-            let (dx, dy) = (b[0] - a[0], b[1] - a[1]);
-            Solid {
-                at: [(a[0] + b[0]) * 0.5, (a[1] + b[1]) * 0.5],
-                half: [dx.hypot(dy) * 0.5, 0.0],
-                theta: dy.atan2(dx),
-                radius: body.radius + body.half[0].hypot(body.half[1]),
-            }
-        })
-    });
-    let all = still.chain(objects).chain(movers);
-    Room {
-        sides: [arena.width, arena.height].map(f64::from),
-        solids: all.filter(|solid| solid.distance(at) < AROUND_M).collect(),
-    }
-}
-
-fn solid(obstacle: &Obstacle) -> Solid {
-    match *obstacle {
-        Obstacle::Circle { x, y, r } => Solid {
-            at: [x, y].map(f64::from),
-            radius: r.into(),
-            ..Solid::default()
-        },
-        Obstacle::Box { x, y, w, h, theta } => Solid {
-            at: [x, y].map(f64::from),
-            half: [f64::from(w) * 0.5, f64::from(h) * 0.5],
-            theta: theta.into(),
-            radius: 0.0,
-        },
     }
 }

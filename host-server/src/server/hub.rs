@@ -80,7 +80,8 @@ impl Hub {
         }
         fleet.lock().events.record_in(recorder.clone());
         let commands = Arc::new(commands);
-        let twins = twins::start(settings, storage, &fleet, parts)?;
+        let simulation = Arc::new(OnceLock::new());
+        let twins = twins::start(settings, storage, &fleet, &simulation, parts)?;
         let hub = Self {
             fleet,
             feed: Arc::new(Feed::new(settings.fleet.clone())),
@@ -90,7 +91,7 @@ impl Hub {
             commands,
             recorder,
             membership,
-            simulation: Arc::new(OnceLock::new()),
+            simulation,
         };
         Ok((hub, lease))
     }

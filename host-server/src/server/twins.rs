@@ -1,6 +1,6 @@
 //! The twins of the fleet, on a thread of their own.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Instant;
 
 use tokio::sync::oneshot;
@@ -10,29 +10,68 @@ use super::StartError;
 use super::parts::{PATIENCE, Parts};
 use super::storage::Storage;
 use crate::config::Settings;
+use crate::room::room;
 use crawler_fleet::{Level, SharedFleet};
+use crawler_protocol::open::Open;
+use crawler_protocol::{Kind, RobotId};
+use crawler_sim::world::Arena;
+use crawler_simulations::Simulation;
 use crawler_system::clock;
-use crawler_twins::Twins;
 use crawler_twins::notice::Notice;
+use crawler_twins::{Fleet, Room, Twins};
 
 /// Where certificates are, in the data directory.
 const FOLDER: &str = "twins";
+
+/// What twins are told of robots.
+struct Known {
+    fleet: Arc<SharedFleet>,
+    simulation: Arc<OnceLock<Arc<Simulation>>>,
+    /// That of the arena as it was last.
+    room: Mutex<Option<(Arc<Arena>, Arc<Room>)>>,
+}
+
+impl Fleet for Known {
+    fn program(&self, robot: &RobotId) -> Option<String> {
+        let fleet = self.fleet.lock();
+        let status = fleet.get(robot)?.status.as_ref()?;
+        Some(status.firmware.as_str().to_owned())
+    }
+
+    fn room(&self, robot: &RobotId) -> Option<Arc<Room>> {
+        let arena = self.simulation.get()?.scene().arena;
+        let kind = self.fleet.lock().get(robot)?.status.as_ref()?.kind.clone();
+        if kind != Open::Known(Kind::Simulated) {
+            return None;
+        }
+        let mut known = self.room.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*known {
+            Some((of, room)) if Arc::ptr_eq(of, &arena) => Some(Arc::clone(room)),
+            _ => {
+                let room = Arc::new(room(&arena));
+                *known = Some((arena, Arc::clone(&room)));
+                Some(room)
+            }
+        }
+    }
+}
 
 /// Starts what steps the twins, where there are to be any.
 pub(super) fn start(
     settings: &Settings,
     storage: &Storage,
     fleet: &Arc<SharedFleet>,
+    simulation: &Arc<OnceLock<Arc<Simulation>>>,
     parts: &mut Parts,
 ) -> Result<Arc<Twins>, StartError> {
-    let known = Arc::clone(fleet);
+    let known = Known {
+        fleet: Arc::clone(fleet),
+        simulation: Arc::clone(simulation),
+        room: Mutex::default(),
+    };
     let began = (Instant::now(), clock::unix_ms());
     let folder = settings.data.join(FOLDER);
-    let (twins, worker) = Twins::new(settings.twins, folder, began, move |robot| {
-        let fleet = known.lock();
-        let status = fleet.get(robot)?.status.as_ref()?;
-        Some(status.firmware.as_str().to_owned())
-    });
+    let (twins, worker) = Twins::new(settings.twins, folder, began, known);
     if !twins.are_on() {
         return Ok(twins);
     }

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use crawler_system::cli_error::CliError;
 use crawler_twin::body::Parameters;
 use crawler_twin::detect::FaultName;
+use crawler_twin::evidence::Row;
 use crawler_twin::shadow::{Shadow, View};
 
 use super::args::FollowArgs;
@@ -36,7 +37,11 @@ pub(super) fn run(args: &FollowArgs) -> Result<ExitCode, CliError> {
     println!("{}: {} by {body}", args.file.display(), drive.robot);
     let (mut refused, mut named) = (0_u64, 0_u64);
     let mut there: Vec<FaultName> = Vec::new();
+    let mut near = drive.near.iter();
     for row in &drive.rows {
+        if matches!(row, Row::Fix(_)) {
+            shadow.near(near.next().is_some_and(|is_near| *is_near));
+        }
         refused += u64::from(shadow.take(*row).is_err());
         let at_s = row.arrived_s().unwrap_or(0.0);
         let faults = shadow.faults();

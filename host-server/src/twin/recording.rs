@@ -9,11 +9,14 @@ use std::path::Path;
 
 use crawler_protocol::open::StatusMessage;
 use crawler_protocol::{PoseFix, TelemetryEncoding, open};
+use crawler_sim::scenario::Scenario;
 use crawler_sim::tools::replay::{Message, messages};
 use crawler_system::cli_error::{CliError, OrSay as _};
+use crawler_twin::around::{Robots, Room};
 use crawler_twin::evidence::{Duty, Evidence, Fix, Row, Supply};
 
 use super::told;
+use crate::room::room;
 
 /// A drive.
 pub(super) struct Recorded {
@@ -21,6 +24,8 @@ pub(super) struct Recorded {
     pub(super) build: String,
     /// In the order in which they came.
     pub(super) rows: Vec<Row>,
+    /// Of each fix among them, whether the robot may have touched something there.
+    pub(super) near: Vec<bool>,
 }
 
 impl Recorded {
@@ -38,6 +43,8 @@ impl Recorded {
 #[derive(Default)]
 struct Boot {
     rows: Vec<Row>,
+    /// Of each fix, where it is, and whether another robot was beside it.
+    beside: Vec<([f64; 2], bool)>,
     build: String,
     /// Unix milliseconds that its seconds count from.
     base_ms: Option<u64>,
@@ -50,13 +57,26 @@ struct Boot {
 pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Recorded, CliError> {
     let file = File::open(path).or_say(|error| told(path, error))?;
     let mut boots: BTreeMap<String, BTreeMap<u32, Boot>> = BTreeMap::new();
-    messages(BufReader::new(file), |message| {
+    let mut places = Robots::default();
+    let words = messages(BufReader::new(file), |message| {
+        let seen = pose(&message);
+        let at = seen.map(|fix| [fix.pose.x, fix.pose.y].map(f64::from));
+        let at_s = message.at_us as f64 * 1e-6;
+        if let Some(at) = at {
+            places.see(&message.robot, at, at_s);
+        }
         if robot.is_none_or(|robot| robot == message.robot) {
             let boots = boots.entry(message.robot.clone()).or_default();
-            boots.entry(message.boot).or_default().take(&message);
+            let boot = boots.entry(message.boot).or_default();
+            boot.take(&message);
+            if let Some(at) = at {
+                let is_beside = places.is_near(&message.robot, at, at_s);
+                boot.beside.push((at, is_beside));
+            }
         }
     })
     .or_say(|error| told(path, error))?;
+    let room = room_of(&words);
     if boots.len() > 1 {
         let names: Vec<&str> = boots.keys().take(5).map(String::as_str).collect();
         let text = format!(
@@ -75,7 +95,28 @@ pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Recorded, CliErro
         robot,
         build: boot.build,
         rows: boot.rows,
+        near: boot
+            .beside
+            .into_iter()
+            .map(|(at, is_beside)| is_beside || room.as_ref().is_some_and(|room| room.is_near(at)))
+            .collect(),
     })
+}
+
+/// Where a tracker saw the robot, by a message that reached it.
+fn pose(message: &Message) -> Option<PoseFix> {
+    let kind = message.topic.split('/').nth(1);
+    let is_one = message.delivered && kind == Some("pose");
+    is_one
+        .then(|| PoseFix::from_json(message.payload.bytes()).ok())
+        .flatten()
+}
+
+/// The room of the scenario that was recorded, as it was in the beginning.
+fn room_of(words: &BTreeMap<String, String>) -> Option<Room> {
+    let scenario = Scenario::parse(words.get("scenario")?).ok()?;
+    let seed = words.get("seed")?.parse().ok()?;
+    scenario.arena(seed).ok().map(|arena| room(&arena))
 }
 
 impl Boot {
@@ -121,7 +162,7 @@ impl Boot {
                 }
             }
             (true, "pose") => {
-                let Ok(fix) = PoseFix::from_json(payload) else {
+                let Some(fix) = pose(message) else {
                     return;
                 };
                 let fix = Fix {

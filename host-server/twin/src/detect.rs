@@ -15,11 +15,15 @@ use crate::linear::Square;
 /// would have `ln(10 · 3.6e7)` = 19.7.
 const THRESHOLD: f64 = 20.0;
 /// One fix cannot say more than this: a tracker errs, too.
-const MOST: f64 = 7.0;
+const MOST: f64 = 10.0;
 /// Fixes that a name is found from.
 const LOOK_BACK: usize = 40;
 /// Fixes after it was named by which a name may still become another one.
 const UNSETTLED: u32 = 20;
+/// And no more than this is missing.
+const MOST_AMOUNT: f64 = 1.3;
+/// A name gives way to another one that explains what was seen so much better, as a logarithm of the likelihood.
+const CLEARLY: f64 = 3.0;
 /// What is less than this is how bodies are, not a fault.
 const LEAST_AMOUNT: f64 = 0.04;
 /// So many times the driving that gave a fault its name outweighs that.
@@ -135,13 +139,14 @@ pub(crate) struct Sight {
 }
 
 /// What a fix says.
+#[derive(Debug, Clone, Copy)]
 pub(crate) struct Innovation {
     /// Beside what the filter expected.
     pub(crate) left: [f64; 3],
     /// Inverse of its covariance.
     pub(crate) inverse: Square<3>,
-    /// Beside where the fix before and the wheels have it.
-    pub(crate) moved: Option<[f64; 3]>,
+    /// What of an error the filter is left with once it has taken in the fix.
+    pub(crate) rest: Square<3>,
 }
 
 /// A direction in which innovations are pushed.
@@ -187,34 +192,106 @@ impl Kind {
     }
 }
 
-/// A direction by what a fix said, and by itself.
-#[derive(Debug, Clone, Copy)]
+/// What a fault of one makes of an innovation, by what a fix said, and by itself.
+#[derive(Debug, Clone, Copy, Default)]
 struct Terms {
     innovation: f64,
     own: f64,
-    moved: f64,
-    way: f64,
+}
+
+impl Terms {
+    /// The size that is most likely.
+    fn size(self) -> f64 {
+        (self.innovation / self.own.max(1e-9)).clamp(-MOST_AMOUNT, 0.0)
+    }
+
+    /// Logarithm of the likelihood ratio of a size.
+    fn ratio(self, size: f64) -> f64 {
+        size * self.innovation - 0.5 * size * size * self.own
+    }
+
+    /// That of the most likely one.
+    fn gain(self) -> f64 {
+        self.ratio(self.size())
+    }
+
+    fn and(self, other: Self) -> Self {
+        Self {
+            innovation: self.innovation + other.innovation,
+            own: self.own + other.own,
+        }
+    }
 }
 
 /// One look, by kind.
 type Look = [Terms; 4];
+
+/// What came with a fix.
+#[derive(Debug, Clone, Copy)]
+struct Step {
+    /// Where a fault of one of each kind would push the robot since the fix before.
+    directions: [[f64; 3]; 4],
+    /// How far it went along both axes: what is wrong with its heading turns that.
+    went: [f64; 2],
+    /// What the fix said, and whether it counts.
+    told: Innovation,
+    counts: bool,
+}
+
+/// What a fault that begins somewhere makes of where the filter has the robot.
+#[derive(Debug, Clone, Copy, Default)]
+struct Push([f64; 3]);
+
+impl Push {
+    /// Goes on to the next fix, and returns what the fault makes of that. A filter that is sure of a place follows fixes slowly,
+    /// and little by little a small fault makes it wrong by much.
+    fn next(&mut self, step: &Step, kind: Kind) -> Terms {
+        let times = |matrix: &Square<3>, other: [f64; 3]| {
+            matrix.map(|row| row.iter().zip(other).map(|(a, b)| a * b).sum::<f64>())
+        };
+        let with = |one: [f64; 3], other: [f64; 3]| -> f64 {
+            one.iter().zip(other).map(|(a, b)| a * b).sum()
+        };
+        let [x, y, theta] = self.0;
+        let [dx, dy, turn] = step.directions[kind as usize];
+        let [along, across] = step.went;
+        let pushed = [
+            x - across * theta + dx,
+            y + along * theta + dy,
+            theta + turn,
+        ];
+        self.0 = times(&step.told.rest, pushed);
+        if !step.counts {
+            return Terms::default();
+        }
+        let weighed = times(&step.told.inverse, pushed);
+        Terms {
+            innovation: with(weighed, step.told.left),
+            own: with(weighed, pushed),
+        }
+    }
+}
 
 /// See the [module](self).
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Detector {
     /// Whether the body is not known: then only what shows on any body is named.
     coarse: bool,
+    /// Of a fault of each kind that is there all the while, or since what is named began.
+    pushes: [Push; 4],
     /// Of each kind and size.
     sums: [[f64; 3]; 4],
-    looks: VecDeque<Look>,
+    steps: VecDeque<Step>,
+    /// Whether something may hold it up that is none of its own.
+    touched: bool,
     named: Option<(Fault, Kind)>,
-    /// How large each would be, from ways between fixes since then.
-    sizes: [(f64, f64); 4],
+    /// All that was looked at since it began.
+    since_then: Look,
     /// Fixes since it was named.
     since: u32,
     /// How large it was when it got its name, and from how much driving.
     first: f64,
-    first_way: f64,
+    first_own: f64,
     /// Evidence that what was named is over.
     over: f64,
     jumps: VecDeque<f64>,
@@ -244,6 +321,13 @@ impl Detector {
             .collect()
     }
 
+    /// The filter begins anew: what was summed up is of what it believed before.
+    pub(crate) fn begin(&mut self) {
+        self.pushes = Default::default();
+        self.sums = Default::default();
+        self.steps.clear();
+    }
+
     /// Takes in whether messages come late.
     pub(crate) fn late(&mut self, late: bool, at_s: f64, amount: f64) {
         if !late {
@@ -269,9 +353,6 @@ impl Detector {
         }
         if jumped {
             self.jumps.push_back(at_s);
-            // What was summed up is of another place.
-            self.sums = Default::default();
-            self.looks.clear();
         }
         if self.jumps.len() < JUMPS {
             self.tracker = None;
@@ -287,86 +368,106 @@ impl Detector {
         self.jumps.truncate(1_000);
     }
 
-    /// Takes in an innovation with the inverse of its covariance.
-    pub(crate) fn look(&mut self, sight: &Sight, told: &Innovation, at_s: f64, track_m: f64) {
-        if sight.ways[0].abs().min(sight.ways[1].abs()) < SLOWEST_MPS * sight.seconds {
+    /// Takes in an innovation with the inverse of its covariance; `touches` says whether something may have held the robot up.
+    pub(crate) fn look(
+        &mut self,
+        sight: &Sight,
+        told: &Innovation,
+        at_s: f64,
+        track_m: f64,
+        touches: bool,
+    ) {
+        let (sin, cos) = sight.heading.sin_cos();
+        let way = (sight.ways[0] + sight.ways[1]) * 0.5;
+        let slowest = sight.ways[0].abs().min(sight.ways[1].abs());
+        let step = Step {
+            directions: Kind::ALL.map(|kind| kind.direction(sight, track_m)),
+            went: [cos * way, sin * way],
+            told: *told,
+            counts: slowest >= SLOWEST_MPS * sight.seconds,
+        };
+        let look = Kind::ALL.map(|kind| self.pushes[kind as usize].next(&step, kind));
+        if touches != self.touched {
+            // What was summed up is of another state of affairs.
+            self.touched = touches;
+            self.sums = Default::default();
+            self.steps.clear();
+            // What held it is left behind.
+            let is_stuck = |(fault, _): &(Fault, Kind)| fault.fault == FaultName::Stuck;
+            self.named = self.named.filter(|named| touches || !is_stuck(named));
+        }
+        if self.steps.len() == LOOK_BACK {
+            self.steps.pop_front();
+        }
+        self.steps.push_back(step);
+        if !step.counts {
             return;
         }
-        let look: Look = Kind::ALL.map(|kind| {
-            let direction = kind.direction(sight, track_m);
-            let weighed = told
-                .inverse
-                .map(|row| row.iter().zip(direction).map(|(a, b)| a * b).sum::<f64>());
-            let with = |other: [f64; 3]| weighed.iter().zip(other).map(|(a, b)| a * b).sum::<f64>();
-            // A heading is off by 0.02 rad where a place is by 1 cm.
-            let weights = [1.0, 1.0, 0.25];
-            let plain = |other: [f64; 3]| -> f64 {
-                (0..3).map(|i| weights[i] * direction[i] * other[i]).sum()
-            };
-            Terms {
-                innovation: with(told.left),
-                own: with(direction),
-                moved: told.moved.map_or(0.0, plain),
-                way: told.moved.map_or(0.0, |_| plain(direction)),
-            }
-        });
-        if self.looks.len() == LOOK_BACK {
-            self.looks.pop_front();
+        let coarse = self.coarse || touches;
+        match self.named {
+            // What touches says nothing of what was wrong before.
+            Some((fault, _)) if touches && fault.fault != FaultName::Stuck => {}
+            Some(_) => self.goes_on(&look, coarse),
+            None => self.sum_up(&look, coarse, at_s),
         }
-        self.looks.push_back(look);
-        // Of a size d the logarithm of the likelihood ratio is d · a − d² · b / 2.
-        let ratio = |terms: Terms, size: f64| {
-            (size * terms.innovation - 0.5 * size * size * terms.own).clamp(-MOST, MOST)
-        };
+    }
+
+    /// What was named may be something else, more or less, or over.
+    fn goes_on(&mut self, look: &Look, coarse: bool) {
         if let Some((fault, kind)) = &mut self.named {
-            for (size, terms) in self.sizes.iter_mut().zip(look) {
-                size.0 += terms.moved;
-                size.1 += terms.way;
+            for (sum, terms) in self.since_then.iter_mut().zip(*look) {
+                *sum = sum.and(terms);
             }
             self.since += 1;
             if self.since <= UNSETTLED {
                 // A few fixes blur whose it is; more of them tell.
-                let best = best_of(&self.sizes);
-                let named = name_of(best, amount(self.sizes[best as usize]));
-                let renames = named != fault.fault && (!self.coarse || named == FaultName::Stuck);
-                if renames {
+                let best = best_of(&self.since_then);
+                let all = self.since_then[best as usize];
+                let named = name_of(best, -all.size());
+                let is_clear = all.gain() > self.since_then[*kind as usize].gain() + CLEARLY;
+                let is_one = -all.size() >= LEAST_AMOUNT && (!coarse || named == FaultName::Stuck);
+                if is_one && named != fault.fault && (best == *kind || is_clear) {
                     (*kind, fault.fault) = (best, named);
-                    self.first = amount(self.sizes[best as usize]);
-                    self.first_way = self.sizes[best as usize].1;
+                    self.first = -all.size();
+                    self.first_own = all.own;
                 }
             }
             let there = look[*kind as usize];
-            fault.amount = amount(self.sizes[*kind as usize]);
+            let all = self.since_then[*kind as usize];
+            fault.amount = -all.size();
             // What is over is less and less on the whole, and must not become too little to be told from nothing.
             let size = fault.amount.max(0.5 * self.first).max(LEAST_AMOUNT);
-            self.over = (self.over - ratio(there, -size)).max(0.0);
+            self.over = (self.over - clamped(there, -size)).max(0.0);
             // Who hardly turns says next to nothing about a slip. What comes to so little of all it did since would not be
             // named.
-            let driven = self.sizes[*kind as usize].1 > OUTWEIGHS * self.first_way;
+            let driven = all.own > OUTWEIGHS * self.first_own;
             let is_nothing = driven && fault.amount < 0.5 * LEAST_AMOUNT;
             if self.over > THRESHOLD || is_nothing {
                 self.named = None;
                 self.over = 0.0;
                 self.sums = Default::default();
-                self.looks.clear();
+                self.steps.clear();
             }
-            return;
         }
+    }
+
+    /// Sums up what faults make of a fix, and names one when a sum rises over the threshold.
+    fn sum_up(&mut self, look: &Look, coarse: bool, at_s: f64) {
         let mut alarmed = false;
         for kind in Kind::ALL {
             let sums = &mut self.sums[kind as usize];
-            let sizes = if self.coarse {
+            let sizes = if coarse {
                 kind.coarse_sizes()
             } else {
                 kind.sizes()
             };
             for (sum, size) in sums.iter_mut().zip(sizes) {
-                *sum = (*sum + ratio(look[kind as usize], *size)).max(0.0);
+                *sum = (*sum + clamped(look[kind as usize], *size)).max(0.0);
                 alarmed |= *sum > THRESHOLD;
             }
         }
         if alarmed {
-            self.named = self.name(at_s);
+            self.named = self.name(at_s, coarse);
             self.over = 0.0;
             if self.named.is_some() {
                 self.sums = Default::default();
@@ -376,45 +477,29 @@ impl Detector {
         }
     }
 
-    /// The fault that explains the last fixes best.
-    fn name(&mut self, at_s: f64) -> Option<(Fault, Kind)> {
-        let mut best: Option<(f64, usize, Kind)> = None;
-        for kind in Kind::ALL {
-            // The latest fixes are of the fault for sure; how far back it goes is tried.
-            let (mut a, mut b) = (0.0, 0.0);
-            for (i, look) in self.looks.iter().rev().enumerate() {
-                let terms = look[kind as usize];
-                (a, b) = (a + terms.innovation, b + terms.own);
-                let size = (a / b.max(1e-9)).clamp(-1.3, 0.0);
-                let gain = size * a - 0.5 * size * size * b;
-                if best.is_none_or(|(most, _, _)| gain > most) {
-                    best = Some((gain, i + 1, kind));
+    /// The fault that explains the last fixes best, from when on whatever.
+    fn name(&mut self, at_s: f64, coarse: bool) -> Option<(Fault, Kind)> {
+        let mut best: Option<(f64, Kind, usize)> = None;
+        for begun in 0..self.steps.len() {
+            for kind in Kind::ALL {
+                let gain = self.since(begun, kind).0.gain();
+                if best.is_none_or(|(most, ..)| gain > most) {
+                    best = Some((gain, kind, begun));
                 }
             }
         }
-        let (_, count, _) = best?;
-        // The filter follows a fault a little, which blurs whose it is: ways between fixes tell.
-        let size = |kind: Kind| {
-            let of = self
-                .looks
-                .iter()
-                .rev()
-                .take(count)
-                .map(|look| look[kind as usize]);
-            of.fold((0.0, 0.0), |(a, b), terms| (a + terms.moved, b + terms.way))
-        };
-        let sizes = Kind::ALL.map(size);
-        let kind = best_of(&sizes);
-        let amount = amount(sizes[kind as usize]);
-        if amount < LEAST_AMOUNT {
-            return None;
-        }
+        let (_, kind, begun) = best?;
+        let all = Kind::ALL.map(|kind| self.since(begun, kind));
+        let since_then = all.map(|(terms, _)| terms);
+        let own = since_then[kind as usize];
+        let amount = -own.size();
         let fault = name_of(kind, amount);
-        if self.coarse && fault != FaultName::Stuck {
+        if amount < LEAST_AMOUNT || (coarse && fault != FaultName::Stuck) {
             return None;
         }
-        (self.sizes, self.since, self.first) = (sizes, 0, amount);
-        self.first_way = sizes[kind as usize].1;
+        self.pushes = all.map(|(_, push)| push);
+        (self.since_then, self.since) = (since_then, 0);
+        (self.first, self.first_own) = (amount, own.own);
         Some((
             Fault {
                 fault,
@@ -424,21 +509,27 @@ impl Detector {
             kind,
         ))
     }
+
+    /// What a fault that began at one of the last steps makes of all fixes since.
+    fn since(&self, begun: usize, kind: Kind) -> (Terms, Push) {
+        let mut push = Push::default();
+        let all = self
+            .steps
+            .range(begun..)
+            .fold(Terms::default(), |all, step| all.and(push.next(step, kind)));
+        (all, push)
+    }
 }
 
-/// The kind that explains ways between fixes best.
-fn best_of(sizes: &[(f64, f64); 4]) -> Kind {
-    let explained = |kind: Kind| {
-        let (moved, way) = sizes[kind as usize];
-        moved.min(0.0).powi(2) / way.max(1e-9)
-    };
-    let more = |best: Kind, kind: Kind| {
-        if explained(kind) > explained(best) {
-            kind
-        } else {
-            best
-        }
-    };
+/// The logarithm of the likelihood ratio of a size, as far as a fix is believed.
+fn clamped(terms: Terms, size: f64) -> f64 {
+    terms.ratio(size).clamp(-MOST, MOST)
+}
+
+/// The kind that explains fixes best.
+fn best_of(looks: &Look) -> Kind {
+    let gain = |kind: Kind| looks[kind as usize].gain();
+    let more = |best: Kind, kind: Kind| if gain(kind) > gain(best) { kind } else { best };
     Kind::ALL.into_iter().fold(Kind::Left, more)
 }
 
@@ -452,17 +543,17 @@ const fn name_of(kind: Kind, amount: f64) -> FaultName {
     }
 }
 
-/// The share that is missing.
-fn amount((moved, way): (f64, f64)) -> f64 {
-    (-moved / way.max(1e-9)).clamp(0.0, 1.3)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    const SIGMAS: [f64; 3] = [0.01, 0.01, 0.02];
+    /// Of a filter that takes half of every innovation.
+    const REST: Square<3> = [[0.5, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, 0.5]];
+
     /// Fixes of a robot that drives straight on and turns now and then, whose turns come short by a share.
     fn drive(detector: &mut Detector, from: u32, fixes: u32, short: f64) {
+        let mut behind = 0.0;
         for fix in from..from + fixes {
             let turn = if fix % 20 < 2 { 0.03 } else { 0.001 };
             let sight = Sight {
@@ -470,17 +561,19 @@ mod tests {
                 seconds: 0.1,
                 heading: 0.0,
             };
-            let moved = [0.0, 0.0, -short * turn];
+            behind -= short * turn;
             let mut inverse = [[0.0; 3]; 3];
-            for (i, sigma) in [0.01_f64, 0.01, 0.02].into_iter().enumerate() {
+            for (i, sigma) in SIGMAS.into_iter().enumerate() {
                 inverse[i][i] = 1.0 / (sigma * sigma);
             }
             let told = Innovation {
-                left: moved,
+                left: [0.0, 0.0, behind],
                 inverse,
-                moved: Some(moved),
+                rest: REST,
             };
-            detector.look(&sight, &told, f64::from(fix) * 0.1, 0.14);
+            behind *= REST[2][2];
+            let touches = false;
+            detector.look(&sight, &told, f64::from(fix) * 0.1, 0.14, touches);
         }
     }
 
@@ -488,7 +581,7 @@ mod tests {
     fn a_slip_that_was_none_is_over_though_the_robot_hardly_turns() {
         // By four seconds of driving it turns 8 % less than its wheels do.
         let named = || {
-            let way = 40.0 * 0.25 * 0.03 * 0.03 * 0.1;
+            let own = 40.0 * 0.03 * 0.03 * 0.1 / (SIGMAS[2] * SIGMAS[2]);
             let fault = Fault {
                 fault: FaultName::Slipping,
                 since_s: 0.0,
@@ -498,10 +591,13 @@ mod tests {
                 named: Some((fault, Kind::Turn)),
                 since: UNSETTLED + 1,
                 first: fault.amount,
-                first_way: way,
+                first_own: own,
                 ..Detector::default()
             };
-            detector.sizes[Kind::Turn as usize] = (-fault.amount * way, way);
+            detector.since_then[Kind::Turn as usize] = Terms {
+                innovation: -fault.amount * own,
+                own,
+            };
             detector
         };
         let mut none = named();

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::body::{Parameters, Pose, STEP_S, wrap};
 use crate::detect::{Detector, Fault, Innovation, Sight};
 use crate::drift::{Drift, Watch};
-use crate::drive::{RAMP_PER_S, Timeline, residual};
+use crate::drive::{RAMP_PER_S, Timeline};
 use crate::evidence::{Duty, Fix, LATEST_S, Refusal, Row, Supply};
 use crate::gap::{HORIZONS_S, Samples};
 use crate::identify::{SIGMA_M, SIGMA_RAD, jumps_between};
@@ -27,6 +27,8 @@ use state::{Gains, STRETCH, State};
 const MOST_WAITING: usize = 256;
 /// Without a word of the robot for so long nothing follows from what was before, seconds.
 const LOST_S: f64 = 1.5;
+/// A fix that is older than the state by more cannot correct it any more, seconds.
+const TOO_LATE_S: f64 = 0.1;
 /// A state is never taken on further than this at once, seconds.
 const LONGEST_S: f64 = 30.0;
 /// Delays of the last so many seconds say how late the robot's clock is.
@@ -52,6 +54,8 @@ const RAMP_MPS: f64 = 0.12;
 const MEDIAN: f64 = 2.366;
 /// And below this in four of five.
 const FOUR_FIFTHS: f64 = 4.642;
+/// And above this in one of fifty.
+const SURPRISING: f64 = 10.0;
 /// Squares that half of all fixes need to have until they count as noisier than they say.
 const FEWEST: usize = 20;
 /// Time constants of the gauge's filter, and of the open voltage that is made of it, seconds.
@@ -191,6 +195,8 @@ pub struct Shadow {
     drift: Watch,
     innovations: Recent,
     detector: Detector,
+    /// Whether something that the robot may touch was within reach at the last fix, and is at the next one.
+    near: [bool; 2],
     fixes: u64,
     jumps: u64,
     gaps: u64,
@@ -218,6 +224,7 @@ impl Shadow {
             drift: Watch::default(),
             innovations: Recent::default(),
             detector: Detector::default(),
+            near: [false; 2],
             fixes: 0,
             jumps: 0,
             gaps: 0,
@@ -236,6 +243,12 @@ impl Shadow {
             detector: Detector::coarse(),
             ..Self::new(Parameters::NOMINAL, 0.0)
         }
+    }
+
+    /// Says whether anything is within reach that the robot may touch, as of the next fix. What touches is held up by more than its
+    /// body: meanwhile nothing is learned of that, and no fault is named but one that shows beside a wall too.
+    pub const fn near(&mut self, is_near: bool) {
+        self.near[1] = is_near;
     }
 
     /// Takes in a row of any kind.
@@ -411,6 +424,7 @@ impl Shadow {
     fn begin(&mut self, fix: &Fix, sigma: f64) {
         self.state = Some(State::at(fix, sigma, self.gains));
         self.predictions.begin();
+        self.detector.begin();
     }
 
     /// Keeps what was learned, for when it begins anew.
@@ -488,9 +502,19 @@ impl Shadow {
         self.state = Some(state);
     }
 
+    /// Whether what the robot does is what its body does.
+    const fn is_well(&self) -> bool {
+        self.detector.is_quiet() && !self.touches()
+    }
+
+    /// Whether something may have held the robot up since the last fix.
+    const fn touches(&self) -> bool {
+        self.near[0] || self.near[1]
+    }
+
     /// Takes on how sure the state is, and all that was predicted.
     fn stretch(&mut self, state: &mut State) {
-        let learns = self.detector.is_quiet();
+        let learns = self.is_well();
         if let Some(stretch) = state.stretch(&self.parameters, self.wander, learns) {
             self.predictions.spread(&stretch, state);
         }
@@ -517,10 +541,21 @@ impl Shadow {
         };
         let heading = SIGMA_RAD;
         let Some(mut state) = self.state else {
-            self.begin(&fix, sigma);
+            // Where it was before anything is known of its wheels says nothing of where it is now.
+            if self
+                .duties
+                .front()
+                .is_some_and(|first| first.at_s <= fix.at_s + TOO_LATE_S)
+            {
+                self.begin(&fix, sigma);
+            }
             return;
         };
-        if fix.at_s - state.at_s > 0.1 || fix.at_s < state.at_s - 0.1 {
+        if fix.at_s < state.at_s - TOO_LATE_S {
+            // What its wheels did then is not known any more.
+            return;
+        }
+        if fix.at_s - state.at_s > TOO_LATE_S {
             // Not of the time that is known: it begins anew there.
             self.remember();
             self.begin(&fix, sigma);
@@ -531,13 +566,26 @@ impl Shadow {
         let rest = fix.at_s - state.at_s;
         let pose = state.ahead(&self.parameters, rest);
         let innovation = [fix.x - pose.x, fix.y - pose.y, wrap(fix.theta - pose.theta)];
-        let was_quiet = self.detector.is_quiet();
+        let (was_quiet, was_well) = (self.detector.is_quiet(), self.is_well());
+        if self.touches() {
+            state.loosen();
+            self.predictions.interrupt();
+        }
         let there = self.predictions.there(&state, &self.parameters, rest);
-        self.predictions.hold(&fix, sigma, &there, was_quiet);
-        let Some(told) = state.correct(innovation, sigma, heading, was_quiet) else {
+        self.predictions.hold(&fix, sigma, &there, was_well);
+        let before = state;
+        let Some(mut told) = state.correct(innovation, sigma, heading, was_well) else {
             self.begin(&fix, sigma);
             return;
         };
+        if told.square > SURPRISING {
+            // Something happened that no duty tells of. It is to be seen once, and not in all fixes that come.
+            state = before;
+            state.loosen();
+            if let Some(then) = state.correct(innovation, sigma, heading, was_well) {
+                told.rest = then.rest;
+            }
+        }
         if self.learns {
             state.bound_gains();
         }
@@ -551,13 +599,13 @@ impl Shadow {
             _ => 2.5,
         };
         // What a fault makes of them says nothing about the noise.
-        if was_quiet {
+        if was_well {
             self.innovations.push(told.square);
             self.predictions.samples.innovation(told.square);
         }
-        self.predictions.start(&fix, sigma, there, &state);
         // While a fault is there gains stand still.
-        if was_quiet {
+        if was_well {
+            self.predictions.start(&fix, sigma, there, &state);
             let sigmas = [3, 4].map(|i: usize| state.covariance[i][i].max(0.0).sqrt());
             let way_m = self.predictions.way_m();
             self.drift.look(fix.at_s, way_m, state.gains, sigmas);
@@ -567,32 +615,15 @@ impl Shadow {
             ..state.since
         };
         let inverse = told.inverse.map(|row| row.map(|value| value / noisier));
-        let moved = last.map(|last| {
-            let last = Pose {
-                x: last.x,
-                y: last.y,
-                theta: last.theta,
-            };
-            let begun = state.seen;
-            let end = State {
-                pose: state.driven,
-                ..state
-            }
-            .ahead(&self.parameters, rest);
-            residual(&fix, last.then(begun.sees(end)))
-        });
         let told = Innovation {
             left: innovation,
             inverse,
-            moved,
+            rest: told.rest,
         };
+        let touches = self.touches();
         self.detector
-            .look(&sight, &told, fix.at_s, self.parameters.track_m);
-        state.seen = State {
-            pose: state.driven,
-            ..state
-        }
-        .ahead(&self.parameters, rest);
+            .look(&sight, &told, fix.at_s, self.parameters.track_m, touches);
+        self.near[0] = self.near[1];
         state.since = Sight::default();
         self.state = Some(state);
         if self.learns && !was_quiet && self.detector.is_quiet() {

@@ -83,7 +83,9 @@ fn main() {
     });
     let mut samples: Vec<Telemetry> = samples.collect();
     let (begun, begun_ms) = (Instant::now(), unix_ms());
-    let (twins, worker) = Twins::new(ROBOTS, folder.clone(), (begun, begun_ms), |_| None);
+    let (twins, worker) = Twins::new(ROBOTS, folder.clone(), (begun, begun_ms), |_: &RobotId| {
+        None
+    });
     let (ends, measures) = (AtomicBool::new(false), AtomicBool::new(false));
     let stamp = |second: f64| (begun_ms as f64 + second * 1e3).max(1.0) as u64;
 

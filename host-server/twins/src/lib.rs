@@ -25,6 +25,7 @@ mod twins;
 #[cfg(test)]
 mod tests;
 
+pub use crawler_twin::around::{Room, Solid};
 pub use crawler_twin::body::{Parameters, Pose, wrap};
 pub use crawler_twin::certificate::{Certificate, Validation, Value};
 pub use crawler_twin::detect::{Fault, FaultName};
@@ -33,4 +34,4 @@ pub use crawler_twin::gap as measures;
 pub use crawler_twin::shadow::{Estimate, Forecast, Residual, View};
 pub use gap::{FleetGap, RobotGap};
 pub use recording::Recording;
-pub use twins::{Ahead, Found, Full, MOST, NoTwin, State, Twins, Worker};
+pub use twins::{Ahead, Fleet, Found, Full, MOST, NoTwin, State, Twins, Worker};

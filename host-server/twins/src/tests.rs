@@ -17,7 +17,7 @@ use proptest::prelude::*;
 use crate::folder::Refusal;
 use crate::inbox::{Evidence, MOST_WAITING};
 use crate::notice::Notice;
-use crate::{NoTwin, Twins, Worker};
+use crate::{Fleet, NoTwin, Room, Solid, Twins, Worker};
 use reference::{CALIBRATING, Hidden, Random, Rates, anyhow, calibration, drive};
 
 /// Unix milliseconds at which a test begins.
@@ -63,17 +63,23 @@ struct Stage {
 
 impl Stage {
     fn new(most: usize, folder: PathBuf) -> Self {
-        let begun = Instant::now();
         let program = Arc::new(Mutex::new(None));
         let known = Arc::clone(&program);
-        let (twins, worker) = Twins::new(most, folder, (begun, EPOCH_MS), move |_| {
-            known.lock().expect("a program").clone()
-        });
+        let fleet = move |_: &RobotId| known.lock().expect("a program").clone();
+        Self {
+            program,
+            ..Self::of(most, folder, fleet)
+        }
+    }
+
+    fn of(most: usize, folder: PathBuf, fleet: impl Fleet) -> Self {
+        let begun = Instant::now();
+        let (twins, worker) = Twins::new(most, folder, (begun, EPOCH_MS), fleet);
         Self {
             twins,
             worker,
             begun,
-            program,
+            program: Arc::default(),
             told: Vec::new(),
             now_s: 0.0,
             mv: 0,
@@ -249,6 +255,79 @@ fn weakened(seed: u64) {
         "{:?}",
         ahead.errors
     );
+}
+
+/// All robots run one program, in one room.
+struct Hall(Arc<Room>);
+
+impl Fleet for Hall {
+    fn program(&self, _: &RobotId) -> Option<String> {
+        Some("0.3.0".to_owned())
+    }
+
+    fn room(&self, _: &RobotId) -> Option<Arc<Room>> {
+        Some(Arc::clone(&self.0))
+    }
+}
+
+#[test]
+fn a_robot_that_rubs_along_something_that_is_known_has_no_fault() {
+    let (scratch, robot, other) = (Scratch::new("rubs"), id("sim-0001"), id("sim-0002"));
+    let hidden = Hidden::draw(9_021, 0.0);
+    scratch.write(
+        "sim-0001.json",
+        &certificate(&robot, &hidden, "0.3.0").write(),
+    );
+    let story = drive(&hidden, &anyhow(60.0, &mut Random::new(4)), RATES);
+    // For some seconds it comes only half as far as its wheels.
+    let rubs = |at_s: f64| (35.0..50.0).contains(&at_s);
+    let (mut lost, mut before) = ([0.0; 2], None);
+    let mut rows = story.rows();
+    for row in &mut rows {
+        let Row::Fix(fix) = row else { continue };
+        let place = [fix.x, fix.y];
+        let from = before.replace(place).unwrap_or(place);
+        for k in 0..2 {
+            lost[k] += if rubs(fix.at_s) { 0.5 } else { 0.0 } * (place[k] - from[k]);
+        }
+        (fix.x, fix.y) = (fix.x - lost[0], fix.y - lost[1]);
+    }
+    let solids = rows.iter().filter_map(|row| match row {
+        Row::Fix(fix) if rubs(fix.at_s) => Some(Solid {
+            at: [fix.x, fix.y + 0.2],
+            radius: 0.1,
+            ..Solid::default()
+        }),
+        _ => None,
+    });
+    let sides = [20.0; 2];
+    let empty = Room {
+        sides,
+        solids: Vec::new(),
+    };
+    let full = Room {
+        sides,
+        solids: solids.collect(),
+    };
+    let told = |room: &Room, is_beside: bool| {
+        let hall = Hall(Arc::new(room.clone()));
+        let mut stage = Stage::of(10, scratch.0.clone(), hall);
+        for row in &rows {
+            stage.hear(&robot, row);
+            if let Row::Fix(fix) = row
+                && is_beside
+            {
+                let y = if rubs(fix.at_s) { fix.y + 0.2 } else { 9.0 };
+                stage.hear(&other, &Row::Fix(Fix { y, ..*fix }));
+            }
+        }
+        stage.until(60.0);
+        stage.texts().join("\n")
+    };
+    let unknown = told(&empty, false);
+    assert!(unknown.starts_with("twin: both_weak: "), "{unknown}");
+    assert_eq!(told(&full, false), "");
+    assert_eq!(told(&empty, true), "");
 }
 
 #[test]

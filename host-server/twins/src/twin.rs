@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use crawler_twin::around::Room;
 use crawler_twin::certificate::Certificate;
 use crawler_twin::detect::Fault;
 use crawler_twin::evidence::{Duty, Fix, Row, Supply};
@@ -54,6 +55,8 @@ pub(crate) struct Twin {
     pub(crate) shadow: Shadow,
     /// `None` for the nominal body.
     pub(crate) body: Option<Arc<Certificate>>,
+    /// Where it is, if that is known.
+    pub(crate) room: Option<Arc<Room>>,
     /// When something of the robot or its tracker came last.
     pub(crate) heard: Instant,
     alarms: Vec<Alarm>,
@@ -66,10 +69,15 @@ pub(crate) struct Twin {
 }
 
 impl Twin {
-    pub(crate) fn new(body: Option<Arc<Certificate>>, now: Instant) -> Self {
+    pub(crate) fn new(
+        body: Option<Arc<Certificate>>,
+        room: Option<Arc<Room>>,
+        now: Instant,
+    ) -> Self {
         Self {
             shadow: shadow(body.as_deref()),
             body,
+            room,
             heard: now,
             alarms: Vec::new(),
             refused: 0,
@@ -99,6 +107,13 @@ impl Twin {
     pub(crate) fn end(&mut self) -> Vec<Turn> {
         let told = self.alarms.drain(..).filter(|alarm| alarm.is_told);
         told.map(|alarm| Turn::IsLost(alarm.fault.fault)).collect()
+    }
+
+    /// Takes in where the next fix is, and whether another robot is beside it.
+    pub(crate) fn near(&mut self, at: [f64; 2], is_beside: bool) {
+        let room = self.room.as_deref();
+        self.shadow
+            .near(is_beside || room.is_some_and(|room| room.is_near(at)));
     }
 
     pub(crate) fn take(&mut self, heard: &Heard, clock: &Clock) {

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use crawler_metrics::Exposition;
 use crawler_protocol::open::Telemetry;
 use crawler_protocol::{PoseFix, RobotId};
+use crawler_twin::around::{Robots, Room};
 use crawler_twin::certificate::Certificate;
 use crawler_twin::detect::{Fault, FaultName};
 use crawler_twin::shadow::{Estimate, Forecast, Residual, View};
@@ -122,8 +123,25 @@ struct Summary {
     refused: u64,
 }
 
-/// Which program a robot says that it runs, where it does.
-type Program = Box<dyn Fn(&RobotId) -> Option<String> + Send + Sync>;
+/// What is known of robots beside what they and their tracker say of where they are.
+pub trait Fleet: Send + Sync + 'static {
+    /// Which program a robot says that it runs, where it does.
+    fn program(&self, robot: &RobotId) -> Option<String>;
+
+    /// The room that a robot is in, where that is known.
+    fn room(&self, robot: &RobotId) -> Option<Arc<Room>>;
+}
+
+/// Robots in rooms that nobody knows.
+impl<F: Fn(&RobotId) -> Option<String> + Send + Sync + 'static> Fleet for F {
+    fn program(&self, robot: &RobotId) -> Option<String> {
+        self(robot)
+    }
+
+    fn room(&self, _: &RobotId) -> Option<Arc<Room>> {
+        None
+    }
+}
 
 /// The twins of a fleet: whoever hears a robot or a tracker tells them, and whoever wants to know asks them. [`Worker`]
 /// steps them.
@@ -133,7 +151,7 @@ pub struct Twins {
     inbox: Inbox,
     robots: Mutex<HashMap<RobotId, Arc<Mutex<Twin>>>>,
     certificates: Mutex<Arc<HashMap<RobotId, Read>>>,
-    program: Program,
+    fleet: Box<dyn Fleet>,
     summary: Mutex<Summary>,
     /// The gap that was measured last, and when.
     gap: Mutex<Option<(Instant, Arc<FleetGap>)>>,
@@ -148,6 +166,8 @@ pub struct Worker {
     twins: Arc<Twins>,
     folder: Folder,
     batch: Vec<Heard>,
+    /// Where trackers saw the robots that have twins.
+    places: Robots<RobotId>,
     looked: Option<Instant>,
     swept: Option<Instant>,
     /// What came as evidence and was none, of twins that are gone.
@@ -160,12 +180,12 @@ fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Twins {
     /// At most `most` twins, whose certificates are in `folder`, from `begun` on, which is `begun_ms` in Unix
-    /// milliseconds; and what steps them. `program` tells which program a robot runs.
+    /// milliseconds; and what steps them. `fleet` tells which program a robot runs, and where.
     pub fn new(
         most: usize,
         folder: PathBuf,
         (begun, begun_ms): (Instant, u64),
-        program: impl Fn(&RobotId) -> Option<String> + Send + Sync + 'static,
+        fleet: impl Fleet,
     ) -> (Arc<Self>, Worker) {
         let twins = Arc::new(Self {
             most,
@@ -173,7 +193,7 @@ impl Twins {
             inbox: Inbox::default(),
             robots: Mutex::default(),
             certificates: Mutex::default(),
-            program: Box::new(program),
+            fleet: Box::new(fleet),
             summary: Mutex::default(),
             gap: Mutex::default(),
             folder: folder.clone(),
@@ -183,6 +203,7 @@ impl Twins {
             twins: Arc::clone(&twins),
             folder: Folder::new(folder),
             batch: Vec::new(),
+            places: Robots::default(),
             looked: None,
             swept: None,
             refused: 0,
@@ -353,7 +374,7 @@ impl Twins {
     pub fn certificate(&self, robot: &RobotId, unix_ms: u64) -> Option<Found> {
         let certificates = Arc::clone(&lock(&self.certificates));
         let read = certificates.get(robot)?;
-        let program = (self.program)(robot);
+        let program = self.fleet.program(robot);
         Some(Found {
             certificate: read.as_ref().ok().cloned(),
             refusal: judge(read, program.as_deref(), unix_ms).err(),
@@ -491,7 +512,7 @@ impl Worker {
         notices(turns)
     }
 
-    fn hear(&self, heard: &Heard, unix_ms: u64) {
+    fn hear(&mut self, heard: &Heard, unix_ms: u64) {
         let twins = &self.twins;
         let known = lock(&twins.robots).get(&heard.robot).cloned();
         let twin = match (known, heard.evidence) {
@@ -502,13 +523,21 @@ impl Worker {
                     return;
                 }
                 let body = twins.body(&heard.robot, unix_ms);
-                let twin = Arc::new(Mutex::new(Twin::new(body, heard.arrived)));
+                let room = twins.fleet.room(&heard.robot);
+                let twin = Arc::new(Mutex::new(Twin::new(body, room, heard.arrived)));
                 lock(&twins.robots).insert(heard.robot.clone(), Arc::clone(&twin));
                 twin
             }
             (None, Evidence::Sample { .. }) => return,
         };
-        lock(&twin).take(heard, &twins.clock);
+        let mut twin = lock(&twin);
+        if let Evidence::Fix(pose) = heard.evidence {
+            let at = [pose.x, pose.y].map(f64::from);
+            let at_s = twins.clock.seconds(heard.arrived);
+            self.places.see(&heard.robot, at, at_s);
+            twin.near(at, self.places.is_near(&heard.robot, at, at_s));
+        }
+        twin.take(heard, &twins.clock);
     }
 
     /// Looks for certificates, and gives twins the bodies that they are to have.
@@ -536,6 +565,7 @@ impl Worker {
         };
         let mut summary = Summary::default();
         for (robot, twin) in all {
+            let room = self.twins.fleet.room(&robot);
             let mut twin = lock(&twin);
             let gone = now.saturating_duration_since(twin.heard) >= patience;
             let found = if gone { twin.end() } else { twin.look(now) };
@@ -543,8 +573,10 @@ impl Worker {
             if gone {
                 self.refused += twin.refused;
                 lock(&self.twins.robots).remove(&robot);
+                self.places.forget(&robot);
                 continue;
             }
+            twin.room = room;
             summary.refused += twin.refused;
             match twin.body {
                 Some(_) => summary.certified += 1,

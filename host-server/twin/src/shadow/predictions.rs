@@ -107,6 +107,12 @@ impl Predictions {
         self.nominal = Pose::default();
     }
 
+    /// Something happens that is of no body: what is predicted begins after it.
+    pub(super) fn interrupt(&mut self) {
+        self.marks.clear();
+        self.start = None;
+    }
+
     /// A step of the nominal body, of a robot whose wheels have these `speeds` by its own.
     pub(super) fn step(&mut self, duty: [f64; 2], open_v: f64, speeds: [f64; 2]) {
         let before = self.wheels;

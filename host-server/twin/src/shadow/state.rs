@@ -13,6 +13,9 @@ pub(super) const STRETCH: u32 = 10;
 const STRAY_M: f64 = 0.004;
 /// What a gain wanders, for the root of a second.
 const GAIN_WALK: f64 = 4e-4;
+/// What a place, along each axis, and a heading are off by between two fixes of a robot that something holds up, metres and
+/// radians.
+const HELD_UP: [f64; 3] = [0.02, 0.02, 0.05];
 /// What a gain of a robot that nobody has calibrated is off by at most, as a logarithm.
 const WIDEST: f64 = 0.4;
 
@@ -52,9 +55,8 @@ pub(super) struct State {
     /// Where the stretch began, and the ways of both wheels since.
     pub(super) begun: Pose,
     pub(super) ways: [f64; 2],
-    /// Ways since the last fix, and where the driven body was then.
+    /// Ways since the last fix.
     pub(super) since: Sight,
-    pub(super) seen: Pose,
 }
 
 /// What was driven since a covariance was taken on the last time.
@@ -125,6 +127,8 @@ pub(super) struct Told {
     pub(super) square: f64,
     /// Inverse of its covariance.
     pub(super) inverse: Square<3>,
+    /// What is left of an error of the pose.
+    pub(super) rest: Square<3>,
 }
 
 impl State {
@@ -153,7 +157,6 @@ impl State {
             begun: pose,
             ways: [0.0; 2],
             since: Sight::default(),
-            seen: pose,
         }
     }
 
@@ -226,6 +229,13 @@ impl State {
         Some(stretch)
     }
 
+    /// Believes the next fix rather than the wheels: something may have held it up.
+    pub(super) fn loosen(&mut self) {
+        for (i, sigma) in HELD_UP.into_iter().enumerate() {
+            self.covariance[i][i] += sigma * sigma;
+        }
+    }
+
     /// Takes in a fix; `None` when the covariance is none.
     pub(super) fn correct(
         &mut self,
@@ -282,7 +292,17 @@ impl State {
         }
         self.begun = self.pose;
         let sound = square.is_finite() && change.iter().all(|change| change.is_finite());
-        sound.then_some(Told { square, inverse })
+        let rest = std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                let taken: f64 = (0..3).map(|k| p[i][k] * inverse[k][j]).sum();
+                f64::from(u8::from(i == j)) - taken
+            })
+        });
+        sound.then_some(Told {
+            square,
+            inverse,
+            rest,
+        })
     }
 
     pub(super) fn estimate(&self) -> Estimate {

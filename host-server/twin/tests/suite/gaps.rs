@@ -128,7 +128,7 @@ fn a_certificate_closes_the_gap_of_a_hidden_robot() {
         let evidence = calibration(&hidden, CALIBRATING).evidence();
         let made = certify(&evidence, About::default(), None).expect("a certificate");
         let rows = drive(&hidden, &anyhow(SECONDS, &mut Random::new(seed)), RATES).rows();
-        let mut nominal = Shadow::new(Parameters::NOMINAL, 0.0);
+        let mut nominal = Shadow::uncalibrated();
         let mut own = Shadow::new(made.parameters, made.wander);
         let before = follow(&mut nominal, rows.clone());
         let after = follow(&mut own, rows);

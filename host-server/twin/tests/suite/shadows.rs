@@ -387,6 +387,197 @@ fn held(seed: u64, from: usize, to: usize) {
     );
 }
 
+/// A story in which something holds a robot up at times: between some seconds it comes as far as `share` says.
+fn rubbed(story: &Story, spans: &[(f64, f64)], share: f64) -> Story {
+    let mut lost = [0.0; 2];
+    let steps = story.fixes.iter().zip(story.fixes.iter().skip(1));
+    let moved = steps.map(|(before, fix)| {
+        let rubs = spans
+            .iter()
+            .any(|(from, to)| (*from..*to).contains(&fix.at_s));
+        let share = if rubs { share } else { 1.0 };
+        for (lost, way) in lost.iter_mut().zip([fix.x - before.x, fix.y - before.y]) {
+            *lost += (1.0 - share) * way;
+        }
+        Fix {
+            x: fix.x - lost[0],
+            y: fix.y - lost[1],
+            ..*fix
+        }
+    });
+    Story {
+        fixes: story.fixes[..1].iter().copied().chain(moved).collect(),
+        duties: story.duties.clone(),
+        supply: story.supply.clone(),
+        truth: Vec::new(),
+        way: Vec::new(),
+    }
+}
+
+#[test]
+fn what_a_robot_touches_is_no_fault_where_somebody_knows_of_it_and_learns_nothing() {
+    let spans = [(40.0, 44.0), (60.0, 63.0), (80.0, 86.0)];
+    for seed in 0..4 {
+        let hidden = Hidden::draw(5_600 + seed, 0.0);
+        let story = drive(&hidden, &anyhow(120.0, &mut Random::new(seed)), RATES);
+        let held_up = rubbed(&story, &spans, 0.6);
+        let known = shadow(&hidden);
+        let follow = |story: &Story, knows: bool| {
+            let (mut shadow, mut named) = (known.clone(), Vec::new());
+            for row in story.rows() {
+                if let Row::Fix(fix) = row {
+                    let near = spans
+                        .iter()
+                        .any(|(from, to)| (*from..*to).contains(&fix.at_s));
+                    shadow.near(knows && near);
+                }
+                let _ = shadow.take(row);
+                named.extend(
+                    shadow
+                        .faults()
+                        .iter()
+                        .map(|fault| (fault.fault, row.arrived_s())),
+                );
+            }
+            (shadow, named)
+        };
+        let (_, named) = follow(&held_up, false);
+        assert!(!named.is_empty(), "{seed}");
+        let (mut held, named) = follow(&held_up, true);
+        assert_eq!(named, [], "{seed}");
+        let (mut free, _) = follow(&story, false);
+        let gains = [&mut held, &mut free].map(|shadow| shadow.view().expect("known").gains);
+        for k in 0..2 {
+            assert!(
+                (gains[0][k] - gains[1][k]).abs() < 0.02,
+                "{seed}: {gains:?}"
+            );
+        }
+        let errors = [&held, &free].map(|shadow| shadow.gap().measure().errors[0]);
+        let [held, free] = errors.map(|errors| errors.value.expect("enough").own.median_m);
+        assert!(held < 1.3 * free, "{seed}: {held} {free}");
+    }
+}
+
+#[test]
+fn who_stands_against_something_is_stuck_there_too() {
+    let hidden = Hidden::draw(5_610, 0.0);
+    let story = drive(&hidden, &anyhow(60.0, &mut Random::new(1)), RATES);
+    let held_up = rubbed(&story, &[(30.0, 60.0)], 0.0);
+    // Wheels that turn it round on the spot do not turn it either.
+    let theta = story
+        .fixes
+        .iter()
+        .rfind(|fix| fix.at_s < 30.0)
+        .expect("a fix")
+        .theta;
+    let mut shadow = shadow(&hidden);
+    let mut named = Vec::new();
+    for row in held_up.rows() {
+        let row = match row {
+            Row::Fix(fix) if fix.at_s >= 30.0 => {
+                shadow.near(true);
+                Row::Fix(Fix { theta, ..fix })
+            }
+            row => row,
+        };
+        let _ = shadow.take(row);
+        let faults = shadow.faults();
+        named.extend(faults.iter().map(|fault| (fault.fault, row.arrived_s())));
+    }
+    // What held it is left behind, and nothing else is wrong with it.
+    shadow.near(false);
+    let free = drive(&hidden, &anyhow(80.0, &mut Random::new(1)), RATES);
+    for row in free
+        .rows()
+        .into_iter()
+        .filter(|row| row.arrived_s() > Some(60.0))
+    {
+        let _ = shadow.take(row);
+        named.extend(
+            shadow
+                .faults()
+                .iter()
+                .filter(|fault| fault.fault != FaultName::Stuck)
+                .map(|fault| (fault.fault, row.arrived_s())),
+        );
+    }
+    assert_eq!(shadow.faults(), []);
+    let (fault, at_s) = named[0];
+    assert_eq!(fault, FaultName::Stuck);
+    assert!(
+        (30.0..38.0).contains(&at_s.expect("an arrival")),
+        "{at_s:?}"
+    );
+    assert!(
+        named.iter().all(|(fault, _)| *fault == FaultName::Stuck),
+        "{named:?}"
+    );
+}
+
+#[test]
+fn what_no_sample_tells_of_is_seen_once_and_is_no_fault() {
+    let mut learned = Vec::new();
+    for seed in 0..6 {
+        let hidden = Hidden::draw(5_620 + seed, 0.0);
+        let rates = Rates {
+            telemetry: 5,
+            fixes: 10,
+        };
+        let mut story = drive(&hidden, &anyhow(120.0, &mut Random::new(seed)), rates);
+        // Wheels that paused between two samples: from then on it looks elsewhere, and is 2 cm behind.
+        for (i, at_s) in [20.0, 41.0, 63.0, 82.0, 100.0].into_iter().enumerate() {
+            let turn = if i % 2 == 0 { 0.17 } else { -0.17 };
+            let (sin, cos) = f64::sin_cos(turn);
+            let about = *story
+                .fixes
+                .iter()
+                .find(|fix| fix.at_s >= at_s)
+                .expect("a fix");
+            for fix in story.fixes.iter_mut().filter(|fix| fix.at_s >= at_s) {
+                let (dx, dy) = (fix.x - about.x, fix.y - about.y);
+                fix.x = about.x + cos * dx - sin * dy - 0.02 * about.theta.cos();
+                fix.y = about.y + sin * dx + cos * dy - 0.02 * about.theta.sin();
+                fix.theta += turn;
+            }
+        }
+        let mut shadow = shadow(&hidden);
+        follow_any(&mut shadow, &story, |at_s, shadow| {
+            assert_eq!(shadow.faults(), [], "{seed}: {at_s}");
+        });
+        learned.extend(shadow.view().expect("known").gains);
+    }
+    assert!(
+        learned.iter().all(|gain| (gain - 1.0).abs() < 0.03),
+        "{learned:?}"
+    );
+}
+
+#[test]
+fn fixes_that_come_too_late_are_of_no_use_and_do_no_harm() {
+    let hidden = Hidden::draw(5_630, 0.0);
+    let mut story = drive(&hidden, &anyhow(90.0, &mut Random::new(4)), RATES);
+    // A network holds fixes up for some seconds, twice, and hands them over all at once.
+    for fix in &mut story.fixes {
+        for (from, to) in [(30.0, 32.5), (60.0, 64.5)] {
+            if (from..to).contains(&fix.at_s) {
+                fix.arrived_s = Some(to);
+            }
+        }
+    }
+    let mut shadow = shadow(&hidden);
+    follow_any(&mut shadow, &story, |at_s, shadow| {
+        assert_eq!(shadow.faults(), [], "{at_s}");
+        let Some(view) = shadow.view() else { return };
+        let truth = story.truth[(view.at_s * 1e3) as usize];
+        let off = view.now.pose.distance(truth);
+        assert!(
+            off < 0.03 + 4.0 * view.now.sigma_m,
+            "{at_s}: {off} {view:?}"
+        );
+    });
+}
+
 #[test]
 fn a_tracker_whose_clock_was_set_is_believed_again() {
     let hidden = Hidden::draw(5_401, 0.0);
