@@ -25,6 +25,7 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
         "soak" => bench_server::soak(rest),
         "updates" => bench_server::updates(rest),
         "twin" => twin(rest),
+        "alarms" => bench_server::alarms(rest),
         "all" => bench_sim::table(&[])
             .and_then(|()| fleet(&[]))
             .and_then(|()| bench_vision::tables(&[]))
@@ -33,10 +34,11 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
             .and_then(|()| bench_server::chaos(&[]))
             .and_then(|()| bench_server::disk(&[]))
             .and_then(|()| bench_server::updates(&[]))
-            .and_then(|()| twin(&[])),
+            .and_then(|()| twin(&[]))
+            .and_then(|()| bench_server::alarms(&[])),
         other => Err(Failure(format!(
             "there is no measurement '{other}': sim, fleet, vision, ui, server, chaos, disk, soak, \
-             updates, twin"
+             updates, twin, alarms"
         ))),
     }
 }

@@ -43,6 +43,14 @@ pub(crate) fn updates(arguments: &[String]) -> Outcome {
     example("updates", arguments)
 }
 
+/// How often twins find something wrong with robots that have nothing.
+///
+/// # Errors
+/// When something cannot be built, or the measurement fails.
+pub(crate) fn alarms(arguments: &[String]) -> Outcome {
+    example("false_alarms", arguments)
+}
+
 /// Builds server and program with the same features, so that nothing is built twice.
 fn example(name: &str, arguments: &[String]) -> Outcome {
     let words = "build --release --locked --quiet --package crawler-server --bin terracrawler \
