@@ -32,5 +32,5 @@ pub use report::{Evaluation, Line, Verdict};
 pub use shrink::{Shrunk, shrink};
 pub use statistics::{Estimate, of_mean, of_paired_shares, of_share, rank_correlation};
 pub use sweep::{Axis, Cell, Influence, NoAxis, drawn, grid, influences, jobs};
-pub use trial::{Trial, run_to_failure, run_trial, run_trial_unless};
+pub use trial::{Trial, run_to_end, run_to_failure, run_trial, run_trial_unless};
 pub use verdict::{Criterion, Failure};

@@ -27,4 +27,6 @@ mod safety;
 mod swarm;
 mod timesync;
 mod tracking;
+#[cfg(feature = "recording")]
+mod what_if;
 mod wiring;

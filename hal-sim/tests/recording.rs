@@ -13,12 +13,13 @@ use crawler_sim::run::{Link, Simulation};
 use crawler_sim::scenario::Scenario;
 use crawler_sim::tools::recording::{RecordTo, Recorder};
 use crawler_sim::tools::replay::{ProgramAction, Recording, Report, replay};
+use crawler_sim::tools::what_if::Run;
 
 /// A file that is gone when it is not needed any more.
-struct Scratch(PathBuf);
+pub(crate) struct Scratch(pub(crate) PathBuf);
 
 impl Scratch {
-    fn new(name: &str) -> Self {
+    pub(crate) fn new(name: &str) -> Self {
         let name = format!("terracrawler-{}-{name}.mcap", std::process::id());
         Self(std::env::temp_dir().join(name))
     }
@@ -72,7 +73,7 @@ const SCRIPT: [(u64, Move); 13] = [
         world.spawn().expect("room");
     }),
 ];
-const END: u64 = 22_000;
+pub(crate) const END: u64 = 22_000;
 
 fn to(file: &Path) -> RecordTo {
     RecordTo {
@@ -81,7 +82,7 @@ fn to(file: &Path) -> RecordTo {
     }
 }
 
-fn record(link: Link, file: &Scratch) -> Simulation {
+pub(crate) fn record(link: Link, file: &Scratch) -> Simulation {
     let mut recorder = Recorder::create(&to(&file.0)).expect("a file");
     let mut world = Simulation::recorded(link, mixed(), 5, recorder.event_logs()).expect("sound");
     for (ms, act) in SCRIPT {
@@ -274,8 +275,10 @@ fn no_damage_to_a_recording_is_more_than_an_error() {
                 let mut bytes = whole.clone();
                 bytes[at] = value;
                 refused += usize::from(Recording::read(bytes.as_slice()).is_err());
+                let _ = Run::read(bytes.as_slice(), None);
             }
             let _ = Recording::read(&whole[..at]);
+            let _ = Run::read(&whole[..at], None);
         }
         assert!(refused > whole.len() / 4, "{refused} of {}", whole.len());
     }

@@ -1,8 +1,9 @@
 //! `terracrawler replay`: a recording through the program of this build, or a seed to a moment
-//! and on from there by hand.
+//! and on from there by hand; or a recorded run with something else in it.
 
 mod prompt;
 mod session;
+mod what_if;
 
 use std::fs::File;
 use std::io::{BufReader, IsTerminal as _};
@@ -22,7 +23,7 @@ use session::Session;
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "A recording: ends with 0 when everything is as it was, with 1 when a robot does \
-    otherwise. A scenario and a seed: the run of `evaluate`, to its failure, with 1, or to its end, with \
+    otherwise; with --what-if, with 0 when there is an answer, with 1 when this build makes another run. A scenario and a seed: the run of `evaluate`, to its failure, with 1, or to its end, with \
     0; with --until or --interactive, as far as you say. 2 when it cannot be replayed."
 )]
 pub struct ReplayArgs {
@@ -52,11 +53,26 @@ pub struct ReplayArgs {
     #[arg(long, value_name = "FILE")]
     pub restore: Option<PathBuf>,
     /// Second of the world to run to
-    #[arg(long, value_name = "S", conflicts_with = "file", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = seconds)]
     pub until: Option<f64>,
     /// Record to this MCAP file
     #[arg(long, value_name = "FILE", conflicts_with = "file")]
     pub record: Option<PathBuf>,
+    /// Make the run of FILE again, as it was and with something else in it, and tell both apart: a command of the prompt
+    /// that does something to the world, like `inject 2 motor-dead`; may be given several times
+    #[arg(
+        long = "what-if",
+        value_name = "COMMAND",
+        requires = "file",
+        conflicts_with = "set"
+    )]
+    pub what_if: Vec<String>,
+    /// Second of the run at which that is done
+    #[arg(long, value_name = "S", default_value = "0", requires = "what_if", value_parser = seconds)]
+    pub at: f64,
+    /// Ask the same of so many other seeds, and tell by how much metrics differ in all of them
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "what_if", value_parser = clap::value_parser!(u32).range(..=10_000))]
+    pub seeds: u32,
     /// Take commands when it is there: at a prompt, or from a pipe
     #[arg(long, conflicts_with = "file")]
     pub interactive: bool,
@@ -83,6 +99,12 @@ fn seconds(text: &str) -> Result<f64, CliError> {
 #[must_use]
 pub fn run(args: &ReplayArgs) -> ExitCode {
     let done = match &args.file {
+        Some(file) if !args.what_if.is_empty() => {
+            what_if::run(file, &args.what_if, args.at, args.until, args.seeds)
+        }
+        Some(_) if args.until.is_some() => Err(CliError::new(
+            "--until is for worlds that are run, or for --what-if",
+        )),
         Some(file) => replay_file(file, &args.set),
         None => run_world(args),
     };
@@ -153,6 +175,7 @@ fn replay_file(path: &Path, set: &[(String, String)]) -> Result<ExitCode, CliErr
 /// What can be asked for, for whoever has asked for nothing.
 const FORMS: &str = "nothing is said of what to replay. One of
   terracrawler replay FILE                         a recording, through the program of this build
+  terracrawler replay FILE --what-if COMMAND       a recorded run, with something else in it
   terracrawler replay --scenario NAME --seed N     a run of `evaluate`, to its failure
   terracrawler replay --restore FILE --until S     a snapshot, and on from there
   terracrawler replay --interactive                a world by hand, at a prompt

@@ -135,6 +135,23 @@ pub fn run_to_failure<E>(
     Ok(observer.finish())
 }
 
+/// Runs a world of `scenario` that has not begun for as long as that lasts, like [`run_to_failure`] but whatever becomes of it.
+///
+/// # Errors
+/// The first of `advance`.
+///
+/// # Panics
+/// As [`run_trial`].
+pub fn run_to_end<E>(
+    scenario: &Scenario,
+    simulation: Simulation,
+    advance: impl FnMut(&mut Simulation, Instant) -> Result<(), E>,
+) -> Result<(Trial, Simulation), E> {
+    let mut observer = Observer::of(scenario, simulation);
+    observer.run_by(advance, |_| true)?;
+    Ok(observer.finish())
+}
+
 fn set_up(seed: u64, error: &SimulationError) -> Trial {
     Trial::broken(seed, Criterion::SetUp, error.to_string())
 }
@@ -292,7 +309,8 @@ impl<'a> Observer<'a> {
             if let Some(swarm) = &mut self.swarm {
                 swarm.look(&at_work, &headings);
             }
-            let works = |number: usize| self.robots[number].works;
+            // Who came later is not measured.
+            let works = |number: usize| self.robots.get(number).is_some_and(|robot| robot.works);
             self.missions.look(&self.simulation, works, seconds(now));
         }
         let movers = self.movers();

@@ -14,4 +14,4 @@ mod schema;
 pub use error::RecordError;
 pub use recorder::{RecordTo, Recorded, Recorder};
 
-pub(crate) use file::{START, topics};
+pub(crate) use file::{END, START, topics};

@@ -21,7 +21,7 @@ const HELP: &str = "  \
   robots                 every robot, one line each
   show ROBOT             all there is to see of one robot
   command ROBOT|all JSON give a command, like {\"command\":\"stop\"}
-  set ROBOT NAME=VALUE   set a robot parameter
+  set ROBOT|all NAME=VALUE  set a robot parameter
   inject ROBOT FAULT     break something: a name, or JSON like {\"fault\":\"motor-weak\",...}
   heal ROBOT             mend it all
   add [X Y THETA]        one more robot
@@ -131,56 +131,6 @@ fn obey(session: &mut Session, line: &str) -> Result<String, CliError> {
         }
         "robots" => return Ok(robots(session.world())),
         "show" => return show(session.world(), rest),
-        "command" => {
-            let (robot, json) = two(rest, "command ROBOT|all JSON")?;
-            let action = Action::parse(json.as_bytes()).map_err(|reason| {
-                CliError::new(format!("the command is refused: {}", reason.name()))
-            })?;
-            let seq = if robot == "all" {
-                session.world_mut().submit_all(action)
-            } else {
-                let robot = number(session.world(), robot)?;
-                session.world_mut().submit(robot, action)
-            };
-            return Ok(format!("command {seq} is on its way"));
-        }
-        "set" => {
-            let (robot, change) = two(rest, "set ROBOT NAME=VALUE")?;
-            let robot = number(session.world(), robot)?;
-            let values = super::parameters(&[super::setting(change)?])?;
-            let seq = session.world_mut().submit(robot, Action::Set(values));
-            return Ok(format!("command {seq} is on its way"));
-        }
-        "inject" => {
-            let (robot, fault) = two(rest, "inject ROBOT FAULT")?;
-            let robot = number(session.world(), robot)?;
-            let fault = fault_of(fault)?;
-            session.world_mut().inject(robot, fault, None)?;
-        }
-        "heal" => {
-            let robot = number(session.world(), rest)?;
-            session.world_mut().heal(robot);
-        }
-        "add" => return add(session.world_mut(), rest),
-        "remove" => {
-            let robot = number(session.world(), rest)?;
-            session.world_mut().remove(robot);
-        }
-        "drop" => {
-            let what = serde_json::from_str(rest)?;
-            let item = session.world_mut().drop_in(what);
-            return Ok(format!("item {}", item?));
-        }
-        "take" => {
-            let there = rest
-                .parse()
-                .is_ok_and(|item| session.world_mut().take_away(item));
-            if !there {
-                return Err(CliError::new(format!(
-                    "nothing that was dropped has number `{rest:.20}`"
-                )));
-            }
-        }
         "hash" => return Ok(hashes(session.world())),
         "journal" => return Ok(journal(session.world())),
         "snapshot" => session.keep(file(rest)?)?,
@@ -203,13 +153,82 @@ fn obey(session: &mut Session, line: &str) -> Result<String, CliError> {
             });
         }
         "record" => session.record(file(rest)?)?,
-        _ => {
-            return Err(CliError::new(format!(
-                "`{word:.40}` is no command; `help` names those there are"
-            )));
-        }
+        _ => match act(session.world_mut(), word, rest)? {
+            Some(told) if told.is_empty() => {}
+            Some(told) => return Ok(told),
+            None => {
+                return Err(CliError::new(format!(
+                    "`{word:.40}` is no command; `help` names those there are"
+                )));
+            }
+        },
     }
     Ok(session.summary())
+}
+
+/// Does something to a world; what there is to tell of it, or `None` for a word that does nothing to one.
+pub(super) fn act(
+    world: &mut Simulation,
+    word: &str,
+    rest: &str,
+) -> Result<Option<String>, CliError> {
+    let told = match word {
+        "command" => {
+            let (robot, json) = two(rest, "command ROBOT|all JSON")?;
+            let action = Action::parse(json.as_bytes()).map_err(|reason| {
+                CliError::new(format!("the command is refused: {}", reason.name()))
+            })?;
+            command(world, robot, action)?
+        }
+        "set" => {
+            let (robot, change) = two(rest, "set ROBOT|all NAME=VALUE")?;
+            let values = super::parameters(&[super::setting(change)?])?;
+            command(world, robot, Action::Set(values))?
+        }
+        "inject" => {
+            let (robot, fault) = two(rest, "inject ROBOT FAULT")?;
+            let robot = number(world, robot)?;
+            world.inject(robot, fault_of(fault)?, None)?;
+            String::new()
+        }
+        "heal" => {
+            let robot = number(world, rest)?;
+            world.heal(robot);
+            String::new()
+        }
+        "add" => add(world, rest)?,
+        "remove" => {
+            let robot = number(world, rest)?;
+            world.remove(robot);
+            String::new()
+        }
+        "drop" => {
+            let item = world.drop_in(serde_json::from_str(rest)?)?;
+            format!("item {item}")
+        }
+        "take" => {
+            let there = rest.parse().is_ok_and(|item| world.take_away(item));
+            if !there {
+                return Err(CliError::new(format!(
+                    "nothing that was dropped has number `{rest:.20}`"
+                )));
+            }
+            String::new()
+        }
+        _ => return Ok(None),
+    };
+    Ok(Some(told))
+}
+
+/// Gives a command to a robot, or to all.
+fn command(world: &mut Simulation, robot: &str, action: Action) -> Result<String, CliError> {
+    let seq = if robot == "all" {
+        world.submit_all(action)
+    } else {
+        let robot = number(world, robot)?;
+        world.submit(robot, action)
+    };
+    Ok(format!("command {seq} is on its way"))
 }
 
 fn two<'a>(rest: &'a str, usage: &str) -> Result<(&'a str, &'a str), CliError> {

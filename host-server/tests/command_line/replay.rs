@@ -77,6 +77,94 @@ fn a_recorded_world_does_the_same_and_with_other_parameters_something_else() {
 }
 
 #[test]
+fn a_recorded_run_is_asked_what_if() {
+    let folder = Folder::new();
+    let file = folder.file("run.mcap");
+    let world = ["--scenario", "arena", "--robots", "3", "--seed", "5"];
+    let inputs = b"run 5\ncommand all {\"command\":\"behave\",\"parameters\":{\"behaviour\":\"wander\"}}\nrun 20\n";
+    let words = [&world[..], &["--interactive", "--record", &file]].concat();
+    let (code, said) = piped(&words, inputs);
+    assert_eq!(code, Some(0), "{said}");
+
+    let (code, said) = replay(&[&file, "--what-if", "heal 1", "--at", "10"]);
+    assert_eq!(code, Some(0), "{said}");
+    for told in [
+        "arena seed 5, made again up to 25.0 s, the same in all 25 seconds",
+        "what if, at 10.0 s: heal 1",
+        "none of 3 robots is elsewhere at any moment",
+    ] {
+        assert!(said.contains(told), "no `{told}` in {said}");
+    }
+    let asked = [
+        &file,
+        "--what-if",
+        "set all max_speed=0.1",
+        "--what-if",
+        "inject sim-0002 battery-sag",
+        "--at",
+        "12",
+    ];
+    let (code, said) = replay(&[&asked[..], &["--until", "40", "--seeds", "3"]].concat());
+    assert_eq!(code, Some(2), "a sag is of so many volts: {said}");
+    let asked = [&asked[..4], &["inject sim-0002 ranger-dead", "--at", "12"]].concat();
+    let (code, said) = replay(&[&asked[..], &["--until", "40", "--seeds", "3"]].concat());
+    assert_eq!(code, Some(0), "{said}");
+    assert!(
+        said.contains("robots are elsewhere at some moment"),
+        "{said}"
+    );
+    assert!(said.contains("the same asked of 3 other seeds"), "{said}");
+    let rows: Vec<_> = said
+        .lines()
+        .filter(|row| row.starts_with("distance_m "))
+        .collect();
+    let [one, others] = rows[..] else {
+        panic!("{said}");
+    };
+    let numbers = |row: &str| -> Vec<f64> {
+        let words = row
+            .split_whitespace()
+            .skip(1)
+            .map(|word| word.trim_end_matches(','));
+        words.filter_map(|word| word.parse().ok()).collect()
+    };
+    let [was, would] = numbers(one)[..] else {
+        panic!("{one}");
+    };
+    assert!(would < was, "{one}");
+    // As it was, what if, by how much, from, to.
+    let [_, _, by, low, high] = numbers(others)[..] else {
+        panic!("{others}");
+    };
+    assert!(low <= by && by <= high && by < 0.0, "{others}");
+
+    for (words, told) in [
+        (
+            &[&file[..], "--what-if", "run 5"][..],
+            "`run` does nothing to a world",
+        ),
+        (
+            &[&file, "--what-if", "heal 9"],
+            "heal 9: there is no robot `9`",
+        ),
+        (
+            &[&file, "--what-if", "heal 1", "--at", "60"],
+            "the run ends after 25.0 s",
+        ),
+        (&[&file, "--until", "5"], "--until is for"),
+        (
+            &["/dev/null", "--what-if", "heal 1"],
+            "not a usable recording",
+        ),
+        (&["--what-if", "heal 1"], "required"),
+    ] {
+        let (code, said) = replay(words);
+        assert_eq!(code, Some(2), "{words:?}: {said}");
+        assert!(said.contains(told), "{words:?}: {said}");
+    }
+}
+
+#[test]
 fn a_world_obeys_what_comes_through_a_pipe() {
     let folder = Folder::new();
     let kept = folder.file("kept.snapshot");

@@ -16,7 +16,7 @@ pub(crate) const EPOCH_NS: u64 = EPOCH_MS * 1_000_000;
 /// Name of the metadata with which a recording begins.
 pub(crate) const START: &str = "terracrawler";
 /// Name of the metadata with which it ends.
-const END: &str = "terracrawler.end";
+pub(crate) const END: &str = "terracrawler.end";
 /// Bytes of a chunk. A recording that is cut off loses at most one, or two seconds.
 const CHUNK: u64 = 1024 * 1024;
 
