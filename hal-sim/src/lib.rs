@@ -15,7 +15,7 @@
 //! | [`scenario`] | recipes for worlds |
 //! | [`run`] | the robot program in every body: one simulation, several threads, or none of the program |
 //! | [`evaluate`], [`tools`] | many runs and what they come to; record, replay, stop, keep, measure |
-//! | `live` | a world in real time, on a thread of its own |
+//! | `live`, `what_if` | a world in real time, on a thread of its own; a recorded run, and with something else in it |
 
 /// Version of this crate.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -31,4 +31,6 @@ pub mod run;
 pub mod scenario;
 pub mod sched;
 pub mod tools;
+#[cfg(feature = "recording")]
+pub mod what_if;
 pub mod world;

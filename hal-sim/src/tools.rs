@@ -1,5 +1,5 @@
 //! What people do with worlds: record and replay them, stop and step them, keep them, measure
-//! them, draw data sets from them, and ask what if.
+//! them, and draw data sets from them.
 
 pub mod bench;
 pub mod dataset;
@@ -9,5 +9,3 @@ pub mod recording;
 #[cfg(feature = "recording")]
 pub mod replay;
 pub mod snapshot;
-#[cfg(feature = "recording")]
-pub mod what_if;

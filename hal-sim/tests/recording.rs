@@ -13,7 +13,7 @@ use crawler_sim::run::{Link, Simulation};
 use crawler_sim::scenario::Scenario;
 use crawler_sim::tools::recording::{RecordTo, Recorder};
 use crawler_sim::tools::replay::{ProgramAction, Recording, Report, replay};
-use crawler_sim::tools::what_if::Run;
+use crawler_sim::what_if::Run;
 
 /// A file that is gone when it is not needed any more.
 pub(crate) struct Scratch(pub(crate) PathBuf);

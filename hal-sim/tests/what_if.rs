@@ -5,15 +5,19 @@ use std::fs;
 use crate::recording::{END, Scratch, record};
 use crawler_detector::BLOB;
 use crawler_hal::Instant;
-use crawler_sim::faults::Fault;
+use crawler_sim::faults::{Fault, FaultError};
 use crawler_sim::run::{Link, Simulation};
-use crawler_sim::tools::what_if::{Answer, NoAnswer, Run};
+use crawler_sim::what_if::{Answer, NoAnswer, Run};
 
 fn read(bytes: &[u8]) -> Run {
     Run::read(bytes, Some(BLOB)).expect("a run")
 }
 
-fn nothing(_: &mut Simulation) -> Result<(), String> {
+#[expect(
+    clippy::unnecessary_wraps,
+    reason = "a change says whether it could be made"
+)]
+fn nothing(_: &mut Simulation) -> Result<(), FaultError> {
     Ok(())
 }
 
@@ -39,9 +43,7 @@ fn a_run_that_nothing_is_done_to_is_the_run_itself() {
         let further = |run: &Run| {
             let broken = |world: &mut Simulation| {
                 let fault = Fault::BrownOut;
-                world
-                    .inject(3, fault, None)
-                    .map_err(|error| error.to_string())
+                world.inject(3, fault, None)
             };
             run.ask(ms(20_000), ms(30_000), broken).expect("an answer")
         };
@@ -62,15 +64,13 @@ fn something_else_changes_what_comes_after_it_and_nothing_before() {
     let file = Scratch::new("what-if");
     record(Link::Lockstep, &file);
     let run = read(&fs::read(&file.0).expect("a file"));
-    let stuck = |world: &mut Simulation| {
+    let stuck = |world: &mut Simulation| -> Result<(), FaultError> {
         for wheel in [
             crawler_sim::faults::Wheel::Left,
             crawler_sim::faults::Wheel::Right,
         ] {
             let fault = Fault::MotorDead { wheel };
-            world
-                .inject(1, fault, None)
-                .map_err(|error| error.to_string())?;
+            world.inject(1, fault, None)?;
         }
         Ok(())
     };
@@ -108,9 +108,7 @@ fn what_cannot_be_asked_is_said() {
     }
     let refused = |world: &mut Simulation| {
         let fault = Fault::RangerDead;
-        world
-            .inject(77, fault, None)
-            .map_err(|error| error.to_string())
+        world.inject(77, fault, None)
     };
     let error = run
         .ask(ms(5_000), run.end(), refused)
@@ -135,7 +133,7 @@ fn what_cannot_be_asked_is_said() {
             },
         }
     };
-    let seed = told("seed\u{1}\0\0\05", "seed\u{1}\0\0\06");
+    let seed = told("seed\u{1}\0\0\u{0}5", "seed\u{1}\0\0\u{0}6");
     assert!(
         seed.contains("another run of it, from second 1 on"),
         "{seed}"

@@ -59,7 +59,7 @@ pub struct ReplayArgs {
     #[arg(long, value_name = "FILE", conflicts_with = "file")]
     pub record: Option<PathBuf>,
     /// Make the run of FILE again, as it was and with something else in it, and tell both apart: a command of the prompt
-    /// that does something to the world, like `inject 2 motor-dead`; may be given several times
+    /// that does something to the world, like `inject 2 ranger-dead`; may be given several times
     #[arg(
         long = "what-if",
         value_name = "COMMAND",

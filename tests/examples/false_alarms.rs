@@ -171,8 +171,8 @@ fn measure(program: &Path, folder: &Path, place: usize, hours: f64) -> Result<Ta
     };
     let workers = std::thread::available_parallelism().map_or(1, usize::from);
     std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..workers).map(|_| scope.spawn(&work)).collect();
-        let ends = workers.into_iter().map(|worker| worker.join());
+        let workers: Vec<_> = (0..workers).map(|_| scope.spawn(work)).collect();
+        let ends = workers.into_iter().map(std::thread::ScopedJoinHandle::join);
         ends.map(|end| end.expect("a worker"))
             .collect::<Result<Vec<()>, _>>()
     })?;

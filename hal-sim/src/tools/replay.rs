@@ -15,4 +15,4 @@ pub use compare::{Difference, ProgramAction};
 pub use messages::{Message, messages};
 pub use play::{ReplayError, Report, replay};
 pub use read::{ReadError, Recording};
-pub(super) use read::{check_format, check_profile, scan, wrong};
+pub(crate) use read::{check_format, check_profile, scan, wrong};

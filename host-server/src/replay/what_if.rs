@@ -10,7 +10,7 @@ use crawler_experiments::scenarios::DETECTOR;
 use crawler_sim::evaluate::{Trial, of_mean};
 use crawler_sim::run::{Instant, Simulation};
 use crawler_sim::scenario::Metric;
-use crawler_sim::tools::what_if::{Answer, NoAnswer, Run};
+use crawler_sim::what_if::{Answer, NoAnswer, Run};
 use crawler_system::cli_error::{CliError, OrSay as _};
 
 use super::prompt;
@@ -38,8 +38,10 @@ pub(super) fn run(
             let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
             match prompt::act(world, word, rest.trim()) {
                 Ok(Some(_)) => Ok(()),
-                Ok(None) => Err(format!("`{word:.40}` does nothing to a world")),
-                Err(error) => Err(format!("{line:.80}: {error}")),
+                Ok(None) => Err(CliError::new(format!(
+                    "`{word:.40}` does nothing to a world"
+                ))),
+                Err(error) => Err(CliError::new(format!("{line:.80}: {error}"))),
             }
         })
     };
@@ -64,7 +66,7 @@ pub(super) fn run(
     if seeds > 0 {
         let others = (1..=u64::from(seeds)).map(|number| run.seed().wrapping_add(number));
         let asked = others.map(|seed| run.with_seed(seed).ask(at, until, change));
-        let asked: Result<Vec<Answer>, NoAnswer> = asked.collect();
+        let asked: Result<Vec<Answer>, NoAnswer<CliError>> = asked.collect();
         let asked = asked.map_err(|error| CliError::new(told(&error)))?;
         print!("{}", differences(&asked));
     }

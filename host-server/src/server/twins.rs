@@ -40,7 +40,7 @@ impl Fleet for Known {
 
     fn room(&self, robot: &RobotId) -> Option<Arc<Room>> {
         let arena = self.simulation.get()?.scene().arena;
-        let kind = self.fleet.lock().get(robot)?.status.as_ref()?.kind.clone();
+        let kind = self.fleet.lock().get(robot)?.status.as_ref()?.kind;
         if kind != Open::Known(Kind::Simulated) {
             return None;
         }

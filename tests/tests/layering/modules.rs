@@ -99,7 +99,7 @@ pub(super) const CRATES: &[Crate] = &[
             &["scenario"],
             &["run"],
             &["evaluate", "tools"],
-            &["live"],
+            &["live", "what_if"],
         ],
         from_outside: &[
             // A world is its bodies and the numbers of its hardware: no program, no device, no network, no file.

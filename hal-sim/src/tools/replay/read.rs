@@ -63,7 +63,7 @@ impl fmt::Display for ReadError {
 
 impl std::error::Error for ReadError {}
 
-pub(in crate::tools) fn wrong(text: impl Into<String>) -> ReadError {
+pub(crate) fn wrong(text: impl Into<String>) -> ReadError {
     ReadError(text.into())
 }
 
@@ -131,14 +131,14 @@ impl Recording {
     }
 }
 
-pub(in crate::tools) fn check_profile(profile: &str) -> Result<(), ReadError> {
+pub(crate) fn check_profile(profile: &str) -> Result<(), ReadError> {
     if profile == "terracrawler" {
         return Ok(());
     }
     Err(wrong("it is an MCAP file of another program"))
 }
 
-pub(in crate::tools) fn check_format(words: &BTreeMap<String, String>) -> Result<(), ReadError> {
+pub(crate) fn check_format(words: &BTreeMap<String, String>) -> Result<(), ReadError> {
     match words.get("format").map(String::as_str) {
         Some("1") => Ok(()),
         other => Err(wrong(format!(
@@ -149,7 +149,7 @@ pub(in crate::tools) fn check_format(words: &BTreeMap<String, String>) -> Result
 }
 
 /// Hands out the records of a file, those of its chunks one by one.
-pub(in crate::tools) fn scan(
+pub(crate) fn scan(
     mut source: impl Read,
     mut take: impl FnMut(&Record<'_>) -> Result<(), ReadError>,
 ) -> Result<(), ReadError> {

@@ -14,13 +14,12 @@ use crawler_hal::Instant;
 use mcap::records::Record;
 use serde::Deserialize;
 
-use super::recording::{END, START, topics};
-use super::replay::ReadError;
-use super::replay::{check_format, check_profile, scan, wrong};
 use crate::evaluate::{Trial, run_to_end};
 use crate::run::journal::Entry;
 use crate::run::{Link, Simulation, SimulationError};
 use crate::scenario::Scenario;
+use crate::tools::recording::{END, START, topics};
+use crate::tools::replay::{ReadError, check_format, check_profile, scan, wrong};
 
 /// How often robots are looked at, microseconds.
 const LOOK_US: u64 = 500_000;
@@ -47,7 +46,7 @@ pub struct Run {
 /// Why there is no answer.
 #[derive(Debug)]
 #[non_exhaustive]
-pub enum NoAnswer {
+pub enum NoAnswer<E> {
     /// The run cannot be set up again.
     Simulation(SimulationError),
     /// This build makes another run of it.
@@ -65,10 +64,10 @@ pub enum NoAnswer {
         asked_s: [f64; 2],
     },
     /// Something else cannot be done at that moment: why not.
-    Change(String),
+    Change(E),
 }
 
-impl fmt::Display for NoAnswer {
+impl<E: fmt::Display> fmt::Display for NoAnswer<E> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Simulation(error) => error.fmt(f),
@@ -84,14 +83,14 @@ impl fmt::Display for NoAnswer {
                     "the run ends after {end_s:.1} s: it cannot be asked from {from_s:.1} s on until {to_s:.1} s"
                 )
             }
-            Self::Change(why) => f.write_str(why),
+            Self::Change(why) => why.fmt(f),
         }
     }
 }
 
-impl std::error::Error for NoAnswer {}
+impl<E: fmt::Debug + fmt::Display> std::error::Error for NoAnswer<E> {}
 
-impl From<SimulationError> for NoAnswer {
+impl<E> From<SimulationError> for NoAnswer<E> {
     fn from(error: SimulationError) -> Self {
         Self::Simulation(error)
     }
@@ -251,12 +250,12 @@ impl Run {
     ///
     /// # Panics
     /// When simulator or program do: that would be a mistake in them.
-    pub fn ask(
+    pub fn ask<E: Send>(
         &self,
         at: Instant,
         until: Instant,
-        change: impl Fn(&mut Simulation) -> Result<(), String> + Sync,
-    ) -> Result<Answer, NoAnswer> {
+        change: impl Fn(&mut Simulation) -> Result<(), E>,
+    ) -> Result<Answer, NoAnswer<E>> {
         let moments = [at, until].map(|moment| moment.as_micros() as f64 * 1e-6);
         if at > self.end || until <= at || moments[1] > f64::from(LONGEST_S) {
             return Err(NoAnswer::Moments {
@@ -295,12 +294,12 @@ impl Run {
         })
     }
 
-    fn branch(
+    fn branch<E>(
         &self,
         at: Instant,
         until: Instant,
-        change: impl Fn(&mut Simulation) -> Result<(), String>,
-    ) -> Result<Branch, NoAnswer> {
+        change: impl Fn(&mut Simulation) -> Result<(), E>,
+    ) -> Result<Branch, NoAnswer<E>> {
         let simulation = Simulation::linked(self.link, self.scenario.clone(), self.seed)?;
         // It is looked at for as long as is asked; the world itself knows nothing of that.
         let watched = Scenario {
@@ -319,7 +318,7 @@ impl Run {
             simulation.follow(&rest[..due], end);
             followed += due;
         };
-        let advance = |simulation: &mut Simulation, end: Instant| -> Result<(), NoAnswer> {
+        let advance = |simulation: &mut Simulation, end: Instant| -> Result<(), NoAnswer<E>> {
             if !changed && end >= at {
                 changed = true;
                 follow(simulation, at);
