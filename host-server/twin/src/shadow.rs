@@ -182,7 +182,8 @@ pub struct Shadow {
     learns: bool,
     /// Aligned.
     duties: VecDeque<Duty>,
-    waiting: VecDeque<Fix>,
+    /// Each with whether something that the robot may touch is within reach there.
+    waiting: VecDeque<(Fix, bool)>,
     delays: VecDeque<(f64, f64)>,
     mean_delay: f64,
     tracker_delay: Least,
@@ -195,7 +196,9 @@ pub struct Shadow {
     drift: Watch,
     innovations: Recent,
     detector: Detector,
-    /// Whether something that the robot may touch was within reach at the last fix, and is at the next one.
+    /// Whether something that the robot may touch is within reach at the next fix that comes.
+    is_near: bool,
+    /// The same of the fix before, and of that which is looked at.
     near: [bool; 2],
     fixes: u64,
     jumps: u64,
@@ -224,6 +227,7 @@ impl Shadow {
             drift: Watch::default(),
             innovations: Recent::default(),
             detector: Detector::default(),
+            is_near: false,
             near: [false; 2],
             fixes: 0,
             jumps: 0,
@@ -248,7 +252,7 @@ impl Shadow {
     /// Says whether anything is within reach that the robot may touch, as of the next fix. What touches is held up by more than its
     /// body: meanwhile nothing is learned of that, and no fault is named but one that shows beside a wall too.
     pub const fn near(&mut self, is_near: bool) {
-        self.near[1] = is_near;
+        self.is_near = is_near;
     }
 
     /// Takes in a row of any kind.
@@ -354,14 +358,15 @@ impl Shadow {
             }
             self.tracker_delay.take(delay, arrived_s);
         }
-        let last = self.waiting.back().or(self.last_fix.as_ref());
+        let waiting = self.waiting.back().map(|(fix, _)| fix);
+        let last = waiting.or(self.last_fix.as_ref());
         if last.is_some_and(|last| fix.at_s <= last.at_s) {
             return Err(Refusal::Doubled);
         }
         if self.waiting.len() == MOST_WAITING {
             self.waiting.pop_front();
         }
-        self.waiting.push_back(fix);
+        self.waiting.push_back((fix, self.is_near));
         self.pump();
         Ok(())
     }
@@ -452,11 +457,12 @@ impl Shadow {
             return;
         };
         let timeline = self.timeline();
-        while let Some(fix) = self.waiting.front().copied() {
+        while let Some((fix, is_near)) = self.waiting.front().copied() {
             if fix.at_s > known_s {
                 break;
             }
             self.waiting.pop_front();
+            self.near = [self.near[1], is_near];
             self.see(fix, &timeline);
         }
         self.advance(known_s, &timeline);
@@ -623,7 +629,6 @@ impl Shadow {
         let touches = self.touches();
         self.detector
             .look(&sight, &told, fix.at_s, self.parameters.track_m, touches);
-        self.near[0] = self.near[1];
         state.since = Sight::default();
         self.state = Some(state);
         if self.learns && !was_quiet && self.detector.is_quiet() {
