@@ -44,9 +44,9 @@ const PLACES: [Place; 3] = [
         ground: "width = 8.0\nheight = 4.0\n",
     },
     Place {
-        name: "four among boxes in 6 × 4 m, fixes 5 Hz",
+        name: "four among boxes in 6 × 4 m, fixes 20 Hz",
         robots: 4,
-        fixes: 5,
+        fixes: 20,
         ground: "width = 6.0\nheight = 4.0\nobstacles = [\n  \
                  { shape = \"box\", x = 1.2, y = 0.8, w = 0.6, h = 0.4, theta = 0.5 },\n  \
                  { shape = \"circle\", x = -1.4, y = -0.7, r = 0.25 },\n  \
@@ -70,7 +70,7 @@ impl Place {
             self.robots,
             self.ground,
             poses.join(", "),
-            self.fixes * self.robots
+            self.fixes
         )
     }
 }

@@ -16,6 +16,8 @@ use crate::linear::Square;
 const THRESHOLD: f64 = 20.0;
 /// One fix cannot say more than this: a tracker errs, too.
 const MOST: f64 = 10.0;
+/// Nor can all fixes within this time: what the wheels did between two samples is known to no more than that. Seconds.
+const SAMPLE_S: f64 = 0.2;
 /// Fixes that a name is found from.
 const LOOK_BACK: usize = 40;
 /// Fixes after it was named by which a name may still become another one.
@@ -30,6 +32,8 @@ const LEAST_AMOUNT: f64 = 0.04;
 const OUTWEIGHS: f64 = 5.0;
 /// A wheel that is slower than this may as well stand: when it starts nobody knows to the volt. Metres per second.
 const SLOWEST_MPS: f64 = 0.08;
+/// A tracker pauses when it takes so many times as long as usual.
+const PAUSE: f64 = 2.5;
 /// So many jumps within [`JUMPS_S`] are the tracker's.
 const JUMPS: usize = 3;
 /// Seconds.
@@ -199,6 +203,21 @@ struct Terms {
     own: f64,
 }
 
+/// What faults of each kind make of a fix, and how much it may say.
+#[derive(Debug, Clone, Copy)]
+struct Said {
+    look: Look,
+    most: f64,
+}
+
+impl Said {
+    /// The logarithm of the likelihood ratio of a size, as far as the fix is believed.
+    fn ratio(&self, kind: Kind, size: f64) -> f64 {
+        let ratio = self.look[kind as usize].ratio(size);
+        ratio.clamp(-self.most, self.most)
+    }
+}
+
 impl Terms {
     /// The size that is most likely.
     fn size(self) -> f64 {
@@ -282,6 +301,8 @@ pub(crate) struct Detector {
     /// Of each kind and size.
     sums: [[f64; 3]; 4],
     steps: VecDeque<Step>,
+    /// What passes between two fixes as a rule, seconds.
+    usual_s: Option<f64>,
     /// Whether something may hold it up that is none of its own.
     touched: bool,
     named: Option<(Fault, Kind)>,
@@ -380,11 +401,15 @@ impl Detector {
         let (sin, cos) = sight.heading.sin_cos();
         let way = (sight.ways[0] + sight.ways[1]) * 0.5;
         let slowest = sight.ways[0].abs().min(sight.ways[1].abs());
+        // After a pause of the tracker what the robot did meanwhile is known less well than a fix is.
+        let usual_s = self.usual_s.unwrap_or(sight.seconds);
+        let paused = sight.seconds > PAUSE * usual_s;
+        self.usual_s = Some(usual_s + (sight.seconds.min(PAUSE * usual_s) - usual_s) / 16.0);
         let step = Step {
             directions: Kind::ALL.map(|kind| kind.direction(sight, track_m)),
             went: [cos * way, sin * way],
             told: *told,
-            counts: slowest >= SLOWEST_MPS * sight.seconds,
+            counts: !paused && slowest >= SLOWEST_MPS * sight.seconds,
         };
         let look = Kind::ALL.map(|kind| self.pushes[kind as usize].next(&step, kind));
         if touches != self.touched {
@@ -403,19 +428,23 @@ impl Detector {
         if !step.counts {
             return;
         }
+        let said = Said {
+            look,
+            most: MOST * (sight.seconds / SAMPLE_S).min(1.0),
+        };
         let coarse = self.coarse || touches;
         match self.named {
             // What touches says nothing of what was wrong before.
             Some((fault, _)) if touches && fault.fault != FaultName::Stuck => {}
-            Some(_) => self.goes_on(&look, coarse),
-            None => self.sum_up(&look, coarse, at_s),
+            Some(_) => self.goes_on(&said, coarse),
+            None => self.sum_up(&said, coarse, at_s),
         }
     }
 
     /// What was named may be something else, more or less, or over.
-    fn goes_on(&mut self, look: &Look, coarse: bool) {
+    fn goes_on(&mut self, said: &Said, coarse: bool) {
         if let Some((fault, kind)) = &mut self.named {
-            for (sum, terms) in self.since_then.iter_mut().zip(*look) {
+            for (sum, terms) in self.since_then.iter_mut().zip(said.look) {
                 *sum = sum.and(terms);
             }
             self.since += 1;
@@ -432,12 +461,11 @@ impl Detector {
                     self.first_own = all.own;
                 }
             }
-            let there = look[*kind as usize];
             let all = self.since_then[*kind as usize];
             fault.amount = -all.size();
             // What is over is less and less on the whole, and must not become too little to be told from nothing.
             let size = fault.amount.max(0.5 * self.first).max(LEAST_AMOUNT);
-            self.over = (self.over - clamped(there, -size)).max(0.0);
+            self.over = (self.over - said.ratio(*kind, -size)).max(0.0);
             // Who hardly turns says next to nothing about a slip. What comes to so little of all it did since would not be
             // named.
             let driven = all.own > OUTWEIGHS * self.first_own;
@@ -452,7 +480,7 @@ impl Detector {
     }
 
     /// Sums up what faults make of a fix, and names one when a sum rises over the threshold.
-    fn sum_up(&mut self, look: &Look, coarse: bool, at_s: f64) {
+    fn sum_up(&mut self, said: &Said, coarse: bool, at_s: f64) {
         let mut alarmed = false;
         for kind in Kind::ALL {
             let sums = &mut self.sums[kind as usize];
@@ -462,7 +490,7 @@ impl Detector {
                 kind.sizes()
             };
             for (sum, size) in sums.iter_mut().zip(sizes) {
-                *sum = (*sum + clamped(look[kind as usize], *size)).max(0.0);
+                *sum = (*sum + said.ratio(kind, *size)).max(0.0);
                 alarmed |= *sum > THRESHOLD;
             }
         }
@@ -519,11 +547,6 @@ impl Detector {
             .fold(Terms::default(), |all, step| all.and(push.next(step, kind)));
         (all, push)
     }
-}
-
-/// The logarithm of the likelihood ratio of a size, as far as a fix is believed.
-fn clamped(terms: Terms, size: f64) -> f64 {
-    terms.ratio(size).clamp(-MOST, MOST)
 }
 
 /// The kind that explains fixes best.
