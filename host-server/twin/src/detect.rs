@@ -203,21 +203,6 @@ struct Terms {
     own: f64,
 }
 
-/// What faults of each kind make of a fix, and how much it may say.
-#[derive(Debug, Clone, Copy)]
-struct Said {
-    look: Look,
-    most: f64,
-}
-
-impl Said {
-    /// The logarithm of the likelihood ratio of a size, as far as the fix is believed.
-    fn ratio(&self, kind: Kind, size: f64) -> f64 {
-        let ratio = self.look[kind as usize].ratio(size);
-        ratio.clamp(-self.most, self.most)
-    }
-}
-
 impl Terms {
     /// The size that is most likely.
     fn size(self) -> f64 {
@@ -244,6 +229,21 @@ impl Terms {
 
 /// One look, by kind.
 type Look = [Terms; 4];
+
+/// What faults of each kind make of a fix, and how much it may say.
+#[derive(Debug, Clone, Copy)]
+struct Said {
+    look: Look,
+    most: f64,
+}
+
+impl Said {
+    /// The logarithm of the likelihood ratio of a size, as far as the fix is believed.
+    fn ratio(&self, kind: Kind, size: f64) -> f64 {
+        let ratio = self.look[kind as usize].ratio(size);
+        ratio.clamp(-self.most, self.most)
+    }
+}
 
 /// What came with a fix.
 #[derive(Debug, Clone, Copy)]
@@ -404,7 +404,9 @@ impl Detector {
         // After a pause of the tracker what the robot did meanwhile is known less well than a fix is.
         let usual_s = self.usual_s.unwrap_or(sight.seconds);
         let paused = sight.seconds > PAUSE * usual_s;
-        self.usual_s = Some(usual_s + (sight.seconds.min(PAUSE * usual_s) - usual_s) / 16.0);
+        // One pause is no new rule, and two fixes of one moment are none either.
+        let most_s = PAUSE * usual_s + 0.1;
+        self.usual_s = Some(usual_s + (sight.seconds.min(most_s) - usual_s) / 16.0);
         let step = Step {
             directions: Kind::ALL.map(|kind| kind.direction(sight, track_m)),
             went: [cos * way, sin * way],
@@ -597,6 +599,38 @@ mod tests {
             behind *= REST[2][2];
             let touches = false;
             detector.look(&sight, &told, f64::from(fix) * 0.1, 0.14, touches);
+        }
+    }
+
+    #[test]
+    fn whatever_passes_between_fixes_it_learns_what_is_usual() {
+        for (first, then) in [(0.0, 0.1), (0.01, 2.5), (2.5, 0.1), (30.0, 0.5)] {
+            let mut detector = Detector::default();
+            let mut counted = Vec::new();
+            for fix in 0..120 {
+                let pauses = fix > 80 && fix % 10 == 0;
+                let seconds = match fix {
+                    0 => first,
+                    _ if pauses => 5.0 * then,
+                    _ => then,
+                };
+                let sight = Sight {
+                    ways: [0.3 * seconds; 2],
+                    seconds,
+                    heading: 0.0,
+                };
+                let told = Innovation {
+                    left: [0.0; 3],
+                    inverse: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+                    rest: REST,
+                };
+                detector.look(&sight, &told, f64::from(fix), 0.14, false);
+                let step = detector.steps.back().expect("a step");
+                counted.push((fix, pauses, step.counts));
+            }
+            for (fix, pauses, counts) in counted.into_iter().skip(70) {
+                assert_eq!(counts, !pauses, "{first} {then}: {fix}");
+            }
         }
     }
 
