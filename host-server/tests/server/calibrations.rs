@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use crate::support::closed::{ADMIN, OPERATOR, VIEWER};
 use crate::support::{Fixture, eventually, eventually_within};
 
-/// Two robots whose bodies nobody knows, far from each other, under a camera that sees each of them ten times a second.
+/// Two robots whose bodies nobody knows, far from each other, under a camera that sees each of them twenty times a second.
 const WORLD: &str = "
 name = \"bench\"
 about = \"Two robots to calibrate.\"
