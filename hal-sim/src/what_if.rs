@@ -19,7 +19,7 @@ use crate::run::journal::Entry;
 use crate::run::{Link, Simulation, SimulationError};
 use crate::scenario::Scenario;
 use crate::tools::recording::{END, START, topics};
-use crate::tools::replay::{ReadError, check_format, check_profile, scan, wrong};
+use crate::tools::replay::{MarkLine, ReadError, check_format, check_profile, line, scan, wrong};
 
 /// How often robots are looked at, microseconds.
 const LOOK_US: u64 = 500_000;
@@ -126,11 +126,6 @@ pub struct Answer {
 struct HashLine {
     second: u64,
     hash: String,
-}
-
-#[derive(Deserialize)]
-struct MarkLine {
-    at_us: u64,
 }
 
 impl Run {
@@ -345,10 +340,6 @@ impl Run {
             hashes: simulation.second_hashes().to_vec(),
         })
     }
-}
-
-fn line<'a, T: Deserialize<'a>>(data: &'a [u8]) -> Result<T, ReadError> {
-    serde_json::from_slice(data).map_err(|error| wrong(error.to_string()))
 }
 
 /// One of both worlds.

@@ -14,5 +14,5 @@ mod read;
 pub use compare::{Difference, ProgramAction};
 pub use messages::{Message, messages};
 pub use play::{ReplayError, Report, replay};
+pub(crate) use read::{MarkLine, check_format, check_profile, line, scan, wrong};
 pub use read::{ReadError, Recording};
-pub(crate) use read::{check_format, check_profile, scan, wrong};

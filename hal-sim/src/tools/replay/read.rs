@@ -103,8 +103,8 @@ struct MessageLine {
 }
 
 #[derive(Deserialize)]
-struct MarkLine {
-    at_us: u64,
+pub(crate) struct MarkLine {
+    pub(crate) at_us: u64,
 }
 
 impl Recording {
@@ -146,6 +146,11 @@ pub(crate) fn check_format(words: &BTreeMap<String, String>) -> Result<(), ReadE
             other.unwrap_or("none")
         ))),
     }
+}
+
+/// What a message of the recording's own topics says.
+pub(crate) fn line<'a, T: Deserialize<'a>>(data: &'a [u8]) -> Result<T, ReadError> {
+    serde_json::from_slice(data).map_err(|error| wrong(error.to_string()))
 }
 
 /// Hands out the records of a file, those of its chunks one by one.
@@ -259,9 +264,6 @@ impl Reading {
     }
 
     fn message(&mut self, topic: &str, data: &[u8]) -> Result<(), ReadError> {
-        fn line<'a, T: Deserialize<'a>>(data: &'a [u8]) -> Result<T, ReadError> {
-            serde_json::from_slice(data).map_err(|error| wrong(error.to_string()))
-        }
         match topic {
             topics::BOOTS => {
                 let line: BootLine = line(data)?;
