@@ -38,19 +38,33 @@ impl Fleet for Known {
         Some(status.firmware.as_str().to_owned())
     }
 
-    fn room(&self, robot: &RobotId) -> Option<Arc<Room>> {
-        let arena = self.simulation.get()?.scene().arena;
-        let kind = self.fleet.lock().get(robot)?.status.as_ref()?.kind;
-        if kind != Open::Known(Kind::Simulated) {
-            return None;
-        }
+    fn rooms(&self, robots: &[RobotId]) -> Vec<Option<Arc<Room>>> {
+        let Some(simulation) = self.simulation.get() else {
+            return vec![None; robots.len()];
+        };
+        let room = self.room_of(simulation.scene().arena);
+        let fleet = self.fleet.lock();
+        let is_simulated = |robot: &RobotId| {
+            let status = fleet.get(robot).and_then(|known| known.status.as_ref());
+            status.is_some_and(|status| status.kind == Open::Known(Kind::Simulated))
+        };
+        let rooms = robots
+            .iter()
+            .map(|robot| is_simulated(robot).then(|| Arc::clone(&room)));
+        rooms.collect()
+    }
+}
+
+impl Known {
+    /// The room of the arena, which is another one after each change.
+    fn room_of(&self, arena: Arc<Arena>) -> Arc<Room> {
         let mut known = self.room.lock().unwrap_or_else(PoisonError::into_inner);
         match &*known {
-            Some((of, room)) if Arc::ptr_eq(of, &arena) => Some(Arc::clone(room)),
+            Some((of, room)) if Arc::ptr_eq(of, &arena) => Arc::clone(room),
             _ => {
                 let room = Arc::new(room(&arena));
                 *known = Some((arena, Arc::clone(&room)));
-                Some(room)
+                room
             }
         }
     }

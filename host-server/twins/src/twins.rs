@@ -128,8 +128,8 @@ pub trait Fleet: Send + Sync + 'static {
     /// Which program a robot says that it runs, where it does.
     fn program(&self, robot: &RobotId) -> Option<String>;
 
-    /// The room that a robot is in, where that is known.
-    fn room(&self, robot: &RobotId) -> Option<Arc<Room>>;
+    /// The rooms that robots are in, in their order; `None` where that is not known.
+    fn rooms(&self, robots: &[RobotId]) -> Vec<Option<Arc<Room>>>;
 }
 
 /// Robots in rooms that nobody knows.
@@ -138,8 +138,8 @@ impl<F: Fn(&RobotId) -> Option<String> + Send + Sync + 'static> Fleet for F {
         self(robot)
     }
 
-    fn room(&self, _: &RobotId) -> Option<Arc<Room>> {
-        None
+    fn rooms(&self, robots: &[RobotId]) -> Vec<Option<Arc<Room>>> {
+        vec![None; robots.len()]
     }
 }
 
@@ -523,7 +523,8 @@ impl Worker {
                     return;
                 }
                 let body = twins.body(&heard.robot, unix_ms);
-                let room = twins.fleet.room(&heard.robot);
+                let robots = std::slice::from_ref(&heard.robot);
+                let room = twins.fleet.rooms(robots).pop().flatten();
                 let twin = Arc::new(Mutex::new(Twin::new(body, room, heard.arrived)));
                 lock(&twins.robots).insert(heard.robot.clone(), Arc::clone(&twin));
                 twin
@@ -564,8 +565,9 @@ impl Worker {
             FORGET_AFTER
         };
         let mut summary = Summary::default();
-        for (robot, twin) in all {
-            let room = self.twins.fleet.room(&robot);
+        let robots: Vec<RobotId> = all.iter().map(|(robot, _)| robot.clone()).collect();
+        let rooms = self.twins.fleet.rooms(&robots);
+        for ((robot, twin), room) in all.into_iter().zip(rooms) {
             let mut twin = lock(&twin);
             let gone = now.saturating_duration_since(twin.heard) >= patience;
             let found = if gone { twin.end() } else { twin.look(now) };
