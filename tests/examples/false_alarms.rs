@@ -134,7 +134,6 @@ fn drive(program: &Path, folder: &Path, place: usize, seed: u64) -> Result<Tally
         if let Some((_, named)) = line.split_once(" s  ")
             && named.contains(": ")
             && line.starts_with(' ')
-            && !line.contains("ahead")
         {
             if RIGHT.iter().any(|name| named.starts_with(name)) {
                 tally.right += 1;

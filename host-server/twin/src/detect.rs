@@ -257,11 +257,11 @@ struct Step {
     counts: bool,
 }
 
-/// What a fault that begins somewhere makes of where the filter has the robot.
+/// The signature of a fault of one: what it makes of where the filter has the robot (Willsky and Jones, 1976).
 #[derive(Debug, Clone, Copy, Default)]
-struct Push([f64; 3]);
+struct Signature([f64; 3]);
 
-impl Push {
+impl Signature {
     /// Goes on to the next fix, and returns what the fault makes of that. A filter that is sure of a place follows fixes slowly,
     /// and little by little a small fault makes it wrong by much.
     fn next(&mut self, step: &Step, kind: Kind) -> Terms {
@@ -296,8 +296,8 @@ impl Push {
 pub(crate) struct Detector {
     /// Whether the body is not known: then only what shows on any body is named.
     coarse: bool,
-    /// Of a fault of each kind that is there all the while, or since what is named began.
-    pushes: [Push; 4],
+    /// Of each kind, of a fault that is there all the while, or since what is named began.
+    signatures: [Signature; 4],
     /// Of each kind and size.
     sums: [[f64; 3]; 4],
     steps: VecDeque<Step>,
@@ -344,7 +344,7 @@ impl Detector {
 
     /// The filter begins anew: what was summed up is of what it believed before.
     pub(crate) fn begin(&mut self) {
-        self.pushes = Default::default();
+        self.signatures = Default::default();
         self.sums = Default::default();
         self.steps.clear();
     }
@@ -413,7 +413,7 @@ impl Detector {
             told: *told,
             counts: !paused && slowest >= SLOWEST_MPS * sight.seconds,
         };
-        let look = Kind::ALL.map(|kind| self.pushes[kind as usize].next(&step, kind));
+        let look = Kind::ALL.map(|kind| self.signatures[kind as usize].next(&step, kind));
         if touches != self.touched {
             // What was summed up is of another state of affairs.
             self.touched = touches;
@@ -527,7 +527,7 @@ impl Detector {
         if amount < LEAST_AMOUNT || (coarse && fault != FaultName::Stuck) {
             return None;
         }
-        self.pushes = all.map(|(_, push)| push);
+        self.signatures = all.map(|(_, signature)| signature);
         (self.since_then, self.since) = (since_then, 0);
         (self.first, self.first_own) = (amount, own.own);
         Some((
@@ -541,13 +541,15 @@ impl Detector {
     }
 
     /// What a fault that began at one of the last steps makes of all fixes since.
-    fn since(&self, begun: usize, kind: Kind) -> (Terms, Push) {
-        let mut push = Push::default();
+    fn since(&self, begun: usize, kind: Kind) -> (Terms, Signature) {
+        let mut signature = Signature::default();
         let all = self
             .steps
             .range(begun..)
-            .fold(Terms::default(), |all, step| all.and(push.next(step, kind)));
-        (all, push)
+            .fold(Terms::default(), |all, step| {
+                all.and(signature.next(step, kind))
+            });
+        (all, signature)
     }
 }
 
@@ -631,6 +633,37 @@ mod tests {
             for (fix, pauses, counts) in counted.into_iter().skip(70) {
                 assert_eq!(counts, !pauses, "{first} {then}: {fix}");
             }
+        }
+    }
+
+    #[test]
+    fn fixes_within_one_sample_say_no_more_than_one() {
+        // A robot that stands although its wheels turn, as sure as can be.
+        let named_after_s = |seconds: f64| {
+            let mut detector = Detector::default();
+            let mut fixes = 0;
+            while detector.is_quiet() {
+                fixes += 1;
+                assert!(fixes < 1_000, "it is never named");
+                let way = 0.3 * seconds;
+                let sight = Sight {
+                    ways: [way; 2],
+                    seconds,
+                    heading: 0.0,
+                };
+                let told = Innovation {
+                    left: [-way, 0.0, 0.0],
+                    inverse: [[1e9, 0.0, 0.0], [0.0, 1e9, 0.0], [0.0, 0.0, 1e9]],
+                    rest: [[0.0; 3]; 3],
+                };
+                detector.look(&sight, &told, f64::from(fixes) * seconds, 0.14, false);
+            }
+            assert_eq!(detector.faults()[0].fault, FaultName::Stuck);
+            f64::from(fixes) * seconds
+        };
+        for (seconds, least_s) in [(0.5, 1.5), (0.2, 0.6), (0.1, 0.4), (0.05, 0.4), (0.02, 0.4)] {
+            let named_s = named_after_s(seconds);
+            assert!(named_s >= least_s - 1e-9, "{seconds}: {named_s}");
         }
     }
 

@@ -574,7 +574,7 @@ impl Shadow {
         let innovation = [fix.x - pose.x, fix.y - pose.y, wrap(fix.theta - pose.theta)];
         let (was_quiet, was_well) = (self.detector.is_quiet(), self.is_well());
         if self.touches() {
-            state.loosen();
+            state.inflate();
             self.predictions.interrupt();
         }
         let there = self.predictions.there(&state, &self.parameters, rest);
@@ -587,7 +587,7 @@ impl Shadow {
         if told.square > SURPRISING {
             // Something happened that no duty tells of. It is to be seen once, and not in all fixes that come.
             state = before;
-            state.loosen();
+            state.inflate();
             if let Some(then) = state.correct(innovation, sigma, heading, was_well) {
                 told.rest = then.rest;
             }

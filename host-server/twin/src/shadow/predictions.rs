@@ -101,8 +101,7 @@ fn carried(begun: &Square<5>, from: Pose, to: Pose) -> [f64; 3] {
 impl Predictions {
     /// Nothing that was begun has to do with what comes now.
     pub(super) fn begin(&mut self) {
-        self.marks.clear();
-        self.start = None;
+        self.interrupt();
         self.wheels = Wheels::default();
         self.nominal = Pose::default();
     }

@@ -229,8 +229,8 @@ impl State {
         Some(stretch)
     }
 
-    /// Believes the next fix rather than the wheels: something may have held it up.
-    pub(super) fn loosen(&mut self) {
+    /// Inflates the covariance, so that the next fix is believed rather than the wheels: something may have held it up.
+    pub(super) fn inflate(&mut self) {
         for (i, sigma) in HELD_UP.into_iter().enumerate() {
             self.covariance[i][i] += sigma * sigma;
         }
