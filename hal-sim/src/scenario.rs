@@ -4,6 +4,7 @@
 //! error. What it leaves to chance is drawn from the seed of the run. `docs/scenarios.md` shows
 //! every key.
 
+mod bodies;
 mod command;
 mod difficulty;
 mod edit;
@@ -32,8 +33,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::net::lockstep::LinkModel;
 use crate::net::radio::Radio;
-use crate::world::{Parameters, Profile, Wiring};
+use crate::world::{Body, Parameters, Profile, Wiring};
 
+pub use bodies::KnownBody;
 pub use command::Refused;
 pub use difficulty::Difficulty;
 pub use error::{ScenarioError, UnusablePolicy};
@@ -166,6 +168,9 @@ pub struct Scenario {
     /// Where `spawn.pulse_share` is given, it decides instead.
     #[serde(default)]
     pub parameters: Parameters,
+    /// Robots whose bodies are known, where those of others are drawn from `parameters.spread`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub bodies: Vec<KnownBody>,
     /// How far the parameters of a run differ from these, drawn from its seed.
     #[serde(default)]
     pub randomisation: Profile,
@@ -301,7 +306,8 @@ impl Scenario {
     }
 
     /// A scenario of this name and nothing else.
-    pub(crate) fn plain(name: String) -> Self {
+    #[must_use]
+    pub fn plain(name: String) -> Self {
         Self {
             name,
             about: String::new(),
@@ -322,6 +328,7 @@ impl Scenario {
             radio: None,
             tracker: Tracker::default(),
             parameters: Parameters::default(),
+            bodies: Vec::new(),
             randomisation: Profile::None,
             detector: None,
             policy: None,
@@ -382,6 +389,13 @@ impl Scenario {
         } else {
             Wiring::Uart
         }
+    }
+
+    /// What is known of the body of robot number `number`, counting from 0; nothing where nobody names it.
+    #[must_use]
+    pub fn body(&self, number: usize) -> Body {
+        let known = self.bodies.iter().rfind(|known| known.robots.has(number));
+        known.map(KnownBody::body).unwrap_or_default()
     }
 
     /// Whether robot number `number` has a camera, counting from 0.

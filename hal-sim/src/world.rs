@@ -3,12 +3,13 @@
 //! A `Space` is a value: the same arena, parameters and calls give the same bytes of state. It
 //! knows neither devices nor programs; what [`crate::devices::World`] adds to it are those.
 //!
-//! Reading order: `arena` and [`Parameters`] say what there is, `bodies` what changes; `space`
+//! Reading order: `arena` and [`Parameters`] say what there is, `bodies` what changes, `body` what of one is known; `space`
 //! holds both and the grids that find neighbours; `physics` moves it on, `hearing` asks it.
 
 mod arena;
 mod battery;
 mod bodies;
+mod body;
 mod dropped;
 mod error;
 mod exchange;
@@ -36,6 +37,7 @@ pub use arena::{
     ARENA_SIDE_M, Arena, ArenaError, Colour, MAX_MOVERS, MAX_OBSTACLES, MAX_PATCHES, Mover, Object,
     ObjectShape, Obstacle, Patch,
 };
+pub use body::Body;
 pub use dropped::{DropError, Dropped, DroppedItem, MAX_DROPPED};
 pub use error::{PlacementError, WorldError};
 pub use fingerprint::{Fingerprint, Fnv};

@@ -1,7 +1,7 @@
 //! The physical state of a world, kept to go on from later.
 
 use super::{BodyParts, Contents, World};
-use crate::world::{Bodies, Inputs, Items, Pose, Presence, RobotIndex, Wiring};
+use crate::world::{Bodies, Body, Inputs, Items, Pose, Presence, RobotIndex, Wiring};
 
 /// What there is of a world beyond its arena as the scenario made it, its parameters and its seed.
 #[derive(Debug, Clone)]
@@ -78,9 +78,14 @@ impl World {
         kept: &WorldCheckpoint,
         robot: usize,
         wiring: Wiring,
+        known: &Body,
     ) -> (RobotIndex, Option<BodyParts>) {
         let pose = kept.pose(robot);
-        let index = self.shared.space.borrow_mut().admit(pose, self.shared.seed);
+        let index = self
+            .shared
+            .space
+            .borrow_mut()
+            .admit(pose, self.shared.seed, known);
         let slots = kept.flash.get(robot);
         let ports = self.furnish(index, wiring);
         if let (Some(ports), Some(contents)) = (&ports, slots) {

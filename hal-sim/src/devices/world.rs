@@ -17,7 +17,7 @@ use crate::faults::{Fault, FaultError, Part};
 use crate::render::{self, Frame, Motion};
 use crate::sched::SimClock;
 use crate::world::{
-    Arena, DropError, Dropped, DroppedItem, Inputs, Members, Observation, Parameters,
+    Arena, Body, DropError, Dropped, DroppedItem, Inputs, Members, Observation, Parameters,
     PlacementError, Pose, Power, Presence, Published, RobotIndex, Space, Wiring, WorldError,
 };
 
@@ -132,7 +132,7 @@ impl World {
         pose: Pose,
         wiring: Wiring,
     ) -> Result<(RobotIndex, BodyParts), PlacementError> {
-        let (index, parts) = self.place(pose, wiring)?;
+        let (index, parts) = self.place(pose, wiring, &Body::default())?;
         let Some(parts) = parts else {
             unreachable!("every robot of a world that is handed out is a member of it")
         };
@@ -339,14 +339,15 @@ impl World {
         self.robots.get(robot.get() as usize)?.as_ref()
     }
 
-    /// Puts a robot at `pose`, with devices when it is a member.
+    /// Puts a robot at `pose`, with what is known of its body, and with devices when it is a member.
     pub(crate) fn place(
         &mut self,
         pose: Pose,
         wiring: Wiring,
+        known: &Body,
     ) -> Result<(RobotIndex, Option<BodyParts>), PlacementError> {
         let seed = self.shared.seed;
-        let index = self.shared.space.borrow_mut().place(pose, seed)?;
+        let index = self.shared.space.borrow_mut().place(pose, seed, known)?;
         let ports = self.furnish(index, wiring);
         Ok((index, ports.as_ref().and_then(Self::switch_on)))
     }
@@ -402,6 +403,16 @@ impl World {
     pub(crate) fn take_over(&mut self, members: Members, published: &[Published]) {
         let mut space = self.shared.space.borrow_mut();
         space.take_over(members, published);
+    }
+
+    /// Picks a robot up and puts it down at `pose`; its wheels turn as they did, and its program is not told. Does nothing when
+    /// there is none.
+    ///
+    /// # Errors
+    /// See [`PlacementError`]; it is where it was then.
+    pub(crate) fn carry(&mut self, robot: RobotIndex, pose: Pose) -> Result<(), PlacementError> {
+        let mut space = self.shared.space.borrow_mut();
+        space.carry(robot.get() as usize, pose)
     }
 
     /// Where a robot is, and how fast forward and anticlockwise, in metres and radians per second;

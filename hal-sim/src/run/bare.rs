@@ -43,7 +43,7 @@ use super::machine;
 use crate::render::{self, Frame};
 use crate::scenario::Scenario;
 use crate::world::{
-    Arena, Fingerprint, Members, Observation, PHYSICS_STEP, Parameters, PlacementError, Pose,
+    Arena, Body, Fingerprint, Members, Observation, PHYSICS_STEP, Parameters, PlacementError, Pose,
     RobotIndex, Space, Wiring, WorldError,
 };
 use robot::BareRobot;
@@ -113,7 +113,12 @@ impl BareWorld {
                     })
                 })
                 .ok_or(SimulationError::NoRoom(number + 1, scenario.robots))?;
-            world.add_wired(pose, scenario.wiring(number as usize), steering)?;
+            world.add(
+                pose,
+                scenario.wiring(robot),
+                &scenario.body(robot),
+                steering,
+            )?;
         }
         Ok(world)
     }
@@ -140,7 +145,17 @@ impl BareWorld {
         wiring: Wiring,
         steering: Steering,
     ) -> Result<RobotIndex, PlacementError> {
-        let robot = self.space.place(pose, self.seed)?;
+        self.add(pose, wiring, &Body::default(), steering)
+    }
+
+    fn add(
+        &mut self,
+        pose: Pose,
+        wiring: Wiring,
+        known: &Body,
+        steering: Steering,
+    ) -> Result<RobotIndex, PlacementError> {
+        let robot = self.space.place(pose, self.seed, known)?;
         let body = BareRobot::new(self, robot, wiring, steering);
         self.robots.push(body);
         Ok(robot)

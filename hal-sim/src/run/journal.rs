@@ -61,6 +61,13 @@ pub enum Input {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pose: Option<Pose>,
     },
+    /// A robot was picked up and put down somewhere else.
+    Carry {
+        /// Which one.
+        robot: u32,
+        /// Where.
+        pose: Pose,
+    },
     /// A robot was taken out.
     Remove {
         /// Which one.

@@ -1,7 +1,7 @@
 //! What a world of a scenario looks like when it begins, without running it.
 
 use super::{Scenario, ScenarioError};
-use crate::world::{Arena, Pose, Space};
+use crate::world::{Arena, Body, Pose, Space};
 
 /// How a scenario begins, before anything runs: its arena, and where robots stand.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,7 +28,7 @@ impl Scenario {
         let mut poses = Vec::new();
         for robot in 0..most.min(self.robots as usize) {
             let pose = spawner.place(robot, margin, |x, y| space.clear_of(x, y, margin));
-            let placed = pose.filter(|&pose| space.place(pose, seed).is_ok());
+            let placed = pose.filter(|&pose| space.place(pose, seed, &Body::default()).is_ok());
             let number = robot + 1;
             poses.push(placed.ok_or_else(|| {
                 ScenarioError::NoRoom(format!("robot {number} of {}", self.robots))

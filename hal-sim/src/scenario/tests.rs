@@ -1,6 +1,7 @@
 use super::*;
 use crate::world::Obstacle;
 
+mod bodies;
 mod timeline;
 mod walls;
 

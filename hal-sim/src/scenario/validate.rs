@@ -42,6 +42,7 @@ impl Scenario {
             let rule = text.strip_prefix(error.name).unwrap_or(&text).trim_start();
             ScenarioError::value(format!("parameters.{}", error.name), rule)
         })?;
+        self.validate_bodies()?;
         self.action()?;
         let arena = self.validate_ground()?;
         check("spawn.clearance", self.spawn.clearance, 0.0, 10.0)?;
@@ -151,6 +152,22 @@ impl Scenario {
                 .fault
                 .validate()
                 .map_err(|error| ScenarioError::value(format!("{key}.fault"), error.to_string()))?;
+        }
+        Ok(())
+    }
+
+    fn validate_bodies(&self) -> Result<(), ScenarioError> {
+        if self.bodies.len() > MOST_ENTRIES {
+            let rule = format!("must be at most {MOST_ENTRIES}");
+            return Err(ScenarioError::value("bodies", rule));
+        }
+        for (index, known) in self.bodies.iter().enumerate() {
+            let key = format!("bodies[{index}]");
+            self.check_robots(&key, &known.robots)?;
+            known.body().validate().map_err(|error| {
+                let rule = format!("must be between {} and {}", error.least, error.most);
+                ScenarioError::value(format!("{key}.{}", error.name), rule)
+            })?;
         }
         Ok(())
     }

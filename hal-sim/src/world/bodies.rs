@@ -4,6 +4,7 @@ use rand_pcg::Pcg32;
 use serde::{Deserialize, Serialize};
 
 use super::battery::open_circuit_v;
+use super::body::Body;
 use super::geometry::{Pose, Vec2, wrap};
 use super::members::Members;
 use super::parameters::Parameters;
@@ -198,7 +199,13 @@ impl Bodies {
         both.chain(own).all(|length| length == self.len())
     }
 
-    pub(crate) fn push(&mut self, pose: Pose, parameters: &Parameters, rng: &mut Pcg32) {
+    pub(crate) fn push(
+        &mut self,
+        pose: Pose,
+        parameters: &Parameters,
+        known: &Body,
+        rng: &mut Pcg32,
+    ) {
         let mut draw = |deviation: f32| {
             (normal(rng) * deviation).clamp(-SPREAD_CUT * deviation, SPREAD_CUT * deviation)
         };
@@ -211,7 +218,7 @@ impl Bodies {
         let internal_ohm = parameters.pack.internal_ohm * (1.0 + draw(spread.cells));
         let per_half_track = 2.0 / track_m;
         let turning = chassis.gyration_m * per_half_track;
-        let build = Build {
+        let mut build = Build {
             left,
             right,
             friction,
@@ -223,6 +230,8 @@ impl Bodies {
             shorted: [false; 2],
             dips: false,
         };
+        known.put(&mut build, parameters);
+        let internal_ohm = build.internal_ohm;
         self.published.push(pose);
         self.next.push(pose);
         self.left.push(0.0);
@@ -242,6 +251,20 @@ impl Bodies {
     pub(crate) fn pose(&self, i: usize) -> Pose {
         let (at, heading) = (self.published.at[i], self.published.heading[i]);
         Pose::new(at.x, at.y, wrap(libm::atan2f(heading.y, heading.x)))
+    }
+
+    /// Puts robot `i` at `pose`, as fast as it was.
+    pub(super) fn carry(&mut self, i: usize, pose: Pose) {
+        let seen = &mut self.published;
+        let (speed, heading) = (
+            seen.velocity[i].dot(seen.heading[i]),
+            Vec2::unit(pose.theta),
+        );
+        for of in [seen, &mut self.next] {
+            of.at[i] = pose.position();
+            of.heading[i] = heading;
+            of.velocity[i] = heading.times(speed);
+        }
     }
 
     /// The levels that reach the bridge of robot `i`.

@@ -8,14 +8,19 @@ use super::geometry::wrap_any;
 use super::hash;
 use super::rng::{Purpose, stream};
 use super::space::Space;
-use super::{MAX_ROBOTS, Observation, PlacementError, Pose, RobotIndex};
+use super::{Body, MAX_ROBOTS, Observation, PlacementError, Pose, RobotIndex};
 
 impl Space {
-    /// Puts a robot of the world with this seed at `pose`.
+    /// Puts a robot of the world with this seed at `pose`, with what is known of its body.
     ///
     /// # Errors
     /// See [`PlacementError`]; nothing has changed then.
-    pub(crate) fn place(&mut self, pose: Pose, seed: u64) -> Result<RobotIndex, PlacementError> {
+    pub(crate) fn place(
+        &mut self,
+        pose: Pose,
+        seed: u64,
+        known: &Body,
+    ) -> Result<RobotIndex, PlacementError> {
         if !pose.is_finite() {
             return Err(PlacementError::NotFinite);
         }
@@ -26,16 +31,40 @@ impl Space {
         if self.clearance(pose.position(), 2.0 * radius) < radius {
             return Err(PlacementError::Occupied);
         }
-        Ok(self.admit(pose, seed))
+        Ok(self.admit(pose, seed, known))
     }
 
     /// Puts a robot at `pose`, whatever is there.
-    pub(crate) fn admit(&mut self, pose: Pose, seed: u64) -> RobotIndex {
+    pub(crate) fn admit(&mut self, pose: Pose, seed: u64, known: &Body) -> RobotIndex {
         let robot = RobotIndex::new(self.bodies.len() as u32);
         let mut rng = stream(seed, robot.get(), Purpose::Build);
         let pose = Pose::new(pose.x, pose.y, wrap_any(pose.theta));
-        self.bodies.push(pose, &self.parameters, &mut rng);
+        self.bodies.push(pose, &self.parameters, known, &mut rng);
+        if let Some(motors) = known.motors {
+            self.allow_for(motors);
+        }
         robot
+    }
+
+    /// Picks a robot up and puts it down at `pose`; its wheels turn as they did. Does nothing when there is none.
+    ///
+    /// # Errors
+    /// [`PlacementError`]; it is where it was then.
+    pub(crate) fn carry(&mut self, i: usize, pose: Pose) -> Result<(), PlacementError> {
+        if !pose.is_finite() {
+            return Err(PlacementError::NotFinite);
+        }
+        if i >= self.bodies.len() || self.bodies.published.presence[i] == Presence::Removed {
+            return Ok(());
+        }
+        let radius = self.parameters.chassis.radius_m;
+        let pose = Pose::new(pose.x, pose.y, wrap_any(pose.theta));
+        if self.clearance_but(pose.position(), 2.0 * radius, Some(i)) < radius {
+            return Err(PlacementError::Occupied);
+        }
+        self.bodies.carry(i, pose);
+        self.rebuild_grid();
+        Ok(())
     }
 
     /// Takes a robot out. Does nothing when there is none.

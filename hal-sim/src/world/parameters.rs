@@ -92,11 +92,15 @@ impl Parameters {
         TABLE.iter().try_for_each(|row| row.check(self))
     }
 
-    /// No robot of this world drives faster, metres per second.
+    /// No robot of this world drives faster that is drawn, metres per second.
     pub fn top_speed(&self) -> f32 {
-        // The strongest motor with hardly any friction on a full pack.
+        self.top_speed_of(1.0 + super::bodies::SPREAD_CUT * self.spread.motor)
+    }
+
+    /// The same of a motor that makes this share of the nominal of its voltage: with hardly any friction on a full pack.
+    pub(crate) fn top_speed_of(&self, motor: f32) -> f32 {
         (super::battery::FULL_V - self.chassis.bridge_drop_v).max(0.0)
-            * (1.0 + super::bodies::SPREAD_CUT * self.spread.motor)
+            * motor
             * self.chassis.speed_per_volt
     }
 }

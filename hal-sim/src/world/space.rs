@@ -121,12 +121,29 @@ impl Space {
             robots: Grid::default(),
             bodies: Bodies::default(),
             steps: 0,
-            stale_m: stride_m * REBUILD_STEPS as f32,
+            stale_m: 0.0,
             listed: 0,
             items: Items::default(),
         };
+        space.stride(stride_m);
         space.rebuild_grid();
         Ok(space)
+    }
+
+    /// Nobody gets farther in a step.
+    fn stride(&mut self, stride_m: f32) {
+        self.stride_m = stride_m;
+        self.stale_m = stride_m * REBUILD_STEPS as f32;
+    }
+
+    /// There is a robot with motors that may be stronger than any that is drawn.
+    pub(super) fn allow_for(&mut self, motors: [f32; 2]) {
+        let fastest = self.parameters.top_speed_of(motors[0].max(motors[1]));
+        let stride_m = fastest * MAX_SPEED_FACTOR * self.dt;
+        if stride_m > self.stride_m {
+            self.stride(stride_m);
+            self.rebuild_grid();
+        }
     }
 
     /// Lists what stands in the arena anew, because that has changed.
@@ -207,6 +224,11 @@ impl Space {
     /// Distance from a point to the nearest surface of anything, negative inside, looking no
     /// further than `limit` for robots and obstacles.
     pub(crate) fn clearance(&mut self, point: Vec2, limit: f32) -> f32 {
+        self.clearance_but(point, limit, None)
+    }
+
+    /// The same, leaving out one robot.
+    pub(super) fn clearance_but(&mut self, point: Vec2, limit: f32, but: Option<usize>) -> f32 {
         // Rebuilding for each of many robots being added would cost a pass over the grid each.
         self.list_robots(MAX_UNLISTED);
         let walls =
@@ -214,15 +236,14 @@ impl Space {
         let radius = self.parameters.chassis.radius_m;
         let mut nearest = walls;
         self.visit(point, limit + radius, |space, thing| {
-            nearest = nearest.min(space.body_of(thing).separation(point).0);
+            if but.is_none_or(|but| thing != Thing::Robot(but)) {
+                nearest = nearest.min(space.body_of(thing).separation(point).0);
+            }
         });
         let seen = &self.bodies.published;
-        for (&at, &presence) in seen.at[self.listed..]
-            .iter()
-            .zip(&seen.presence[self.listed..])
-        {
-            if presence != Presence::Removed {
-                nearest = nearest.min(point.minus(at).length() - radius);
+        for i in self.listed..seen.at.len() {
+            if seen.presence[i] != Presence::Removed && but != Some(i) {
+                nearest = nearest.min(point.minus(seen.at[i]).length() - radius);
             }
         }
         nearest

@@ -5,6 +5,7 @@ mod contact;
 mod convergence;
 mod dropped;
 mod hearing;
+mod known;
 mod momentum;
 mod motion;
 mod movers;

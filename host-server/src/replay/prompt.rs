@@ -26,6 +26,7 @@ const HELP: &str = "  \
   heal ROBOT             mend it all
   add [X Y THETA]        one more robot
   remove ROBOT           one less
+  carry ROBOT X Y THETA  pick one up and put it down there
   drop JSON              put something in, like {\"obstacle\":{\"shape\":\"circle\",...}}
   take NUMBER            take away what was dropped
   hash                   fingerprint of every second so far
@@ -37,6 +38,8 @@ const HELP: &str = "  \
   quit                   leave
 ";
 
+/// How a robot is carried.
+const CARRY: &str = "carry ROBOT X Y THETA";
 /// Longest line, bytes. No command comes near it.
 const MOST_LINE: u64 = 64 * 1024;
 
@@ -197,6 +200,16 @@ pub(super) fn act(
             String::new()
         }
         "add" => add(world, rest)?,
+        "carry" => {
+            let (robot, place) = two(rest, CARRY)?;
+            let robot = number(world, robot)?;
+            let numbers: Result<Vec<f32>, _> = place.split_whitespace().map(str::parse).collect();
+            let Ok([x, y, theta]) = numbers.as_deref() else {
+                return Err(CliError::new(format!("it is: {CARRY}")));
+            };
+            world.carry(robot, Pose::new(*x, *y, *theta))?;
+            String::new()
+        }
         "remove" => {
             let robot = number(world, rest)?;
             world.remove(robot);

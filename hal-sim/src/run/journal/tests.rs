@@ -62,6 +62,10 @@ fn inputs_are_written_so_that_they_read_the_same() {
             }),
         },
         Input::Take { item: 2 },
+        Input::Carry {
+            robot: 1,
+            pose: Pose::new(1.0, -2.5, 0.25),
+        },
         Input::Crash {
             robot: 9,
             text: "src/x.rs:1: \u{1F980}".to_owned(),

@@ -12,7 +12,7 @@ use crate::faults::{Fault, FaultError};
 use crate::net::lockstep::Cut;
 use crate::run::error::SimulationError;
 use crate::run::journal::{Entry, Input, Journal, Payload};
-use crate::world::{DropError, Dropped, Pose, validate_dropped};
+use crate::world::{DropError, Dropped, PlacementError, Pose, validate_dropped};
 
 impl Simulation {
     /// What was done to this simulation from outside.
@@ -131,6 +131,21 @@ impl Simulation {
     pub fn spawn_at(&mut self, pose: Pose) -> Result<usize, SimulationError> {
         self.note(Input::Spawn { pose: Some(pose) });
         self.runtime.place(Some(pose))
+    }
+
+    /// Picks a robot up and puts it down at `pose`. Its wheels turn as they did, and its program is not told.
+    ///
+    /// # Errors
+    /// See [`PlacementError`]; it is where it was then.
+    pub fn carry(&mut self, robot: usize, pose: Pose) -> Result<(), PlacementError> {
+        self.note(Input::Carry {
+            robot: robot as u32,
+            pose,
+        });
+        match self.index(robot) {
+            Some(index) => self.runtime.population.world.carry(index, pose),
+            None => Ok(()),
+        }
     }
 
     /// Takes a robot out of the world, program and all. Its number is not used again.
@@ -264,6 +279,9 @@ impl Simulation {
                     Some(pose) => self.spawn_at(*pose),
                     None => self.spawn(),
                 };
+            }
+            Input::Carry { robot, pose } => {
+                let _ = self.carry(*robot as usize, *pose);
             }
             Input::Remove { robot } => self.remove(*robot as usize),
             Input::Cut { robot, cut } => self.cut(*robot as usize, *cut),

@@ -143,8 +143,9 @@ impl Population {
     /// Adds a robot at `pose` and boots it. Returns its number.
     pub(super) fn add(&mut self, pose: Pose, uplink: &Uplink) -> Result<usize, SimulationError> {
         let number = self.machines.len();
-        let wiring = self.programs.scenario().wiring(number);
-        let (index, parts) = self.world.place(pose, wiring)?;
+        let scenario = self.programs.scenario();
+        let (wiring, known) = (scenario.wiring(number), scenario.body(number));
+        let (index, parts) = self.world.place(pose, wiring, &known)?;
         // Also for robots of other shards.
         let link = uplink.add_link(number, (pose.x, pose.y));
         let runs_here = parts.is_some();
@@ -163,8 +164,9 @@ impl Population {
         uplink: &Uplink,
     ) {
         let number = self.machines.len();
-        let wiring = self.programs.scenario().wiring(number);
-        let (index, parts) = self.world.put_back(kept, number, wiring);
+        let scenario = self.programs.scenario();
+        let (wiring, known) = (scenario.wiring(number), scenario.body(number));
+        let (index, parts) = self.world.put_back(kept, number, wiring, &known);
         let runs_here = !kept.is_removed(number);
         let boots = boots + u32::from(runs_here && parts.is_some());
         self.enlist((index, number), parts, runs_here, (boots, history), uplink);

@@ -19,7 +19,7 @@ impl Fine {
 
     pub(super) fn add(&mut self, x: f32, y: f32, theta: f32) {
         self.space
-            .place(Pose::new(x, y, theta), 1)
+            .place(Pose::new(x, y, theta), 1, &Body::default())
             .expect("a free place");
     }
 

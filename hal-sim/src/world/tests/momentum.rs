@@ -11,7 +11,11 @@ fn thrown(places: &[(f32, f32, f32, f32)], seed: u64) -> Fine {
     parameters.spread.mass = 0.2;
     let mut fine = Fine::new(Arena::empty(4.0, 4.0), parameters, 0.01);
     for &(x, y, vx, vy) in places {
-        if fine.space.place(Pose::new(x, y, x * 7.0), seed).is_ok() {
+        if fine
+            .space
+            .place(Pose::new(x, y, x * 7.0), seed, &Body::default())
+            .is_ok()
+        {
             let i = fine.space.bodies.len() - 1;
             fine.space.bodies.published.velocity[i] = Vec2::new(vx, vy);
             fine.space.bodies.rolls[i] = false;
@@ -116,7 +120,7 @@ proptest! {
         let mut fine = Fine::new(arena.clone(), parameters, 0.01);
         for (x, y, theta) in places {
             // Some places are taken.
-            let _ = fine.space.place(Pose::new(x, y, theta), seed);
+            let _ = fine.space.place(Pose::new(x, y, theta), seed, &Body::default());
         }
         let fixed = Arena { movers: Vec::new(), ..arena };
         let robots = fine.space.bodies.len();

@@ -307,7 +307,9 @@ fn crowd() -> Fine {
     for k in 0..30_u8 {
         let angle = f32::from(k) * 2.4;
         let at = Vec2::unit(angle).times(0.35 + 0.03 * f32::from(k));
-        let _ = fine.space.place(Pose::new(at.x, at.y, angle + 3.0), 9);
+        let _ = fine
+            .space
+            .place(Pose::new(at.x, at.y, angle + 3.0), 9, &Body::default());
     }
     for i in 0..fine.space.bodies.len() {
         fine.drive(i, 255, 255 - 9 * i as i16);
