@@ -1,4 +1,4 @@
-//! What this process costs, from `/proc`. Other systems have no such files and report nothing.
+//! What this process costs, from `/proc`, and what of it gives way. Other systems have no such files and report nothing.
 
 /// CPU time, memory and open files of this process.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,6 +16,25 @@ pub struct Usage {
 /// Ticks per second of `/proc/self/stat`. The kernel scales them to 100 for programs on every
 /// architecture we run on (`USER_HZ`, see proc(5)).
 const TICKS_PER_SECOND: f64 = 100.0;
+
+/// Leaves the processor to every other thread that has something to do; threads that this one starts do as well. Does nothing
+/// where a priority is that of a whole process.
+///
+/// # Errors
+/// What the system says.
+#[cfg_attr(
+    not(target_os = "linux"),
+    expect(clippy::unnecessary_wraps, reason = "systems differ")
+)]
+pub fn give_way() -> std::io::Result<()> {
+    #[cfg(target_os = "linux")]
+    {
+        // There, a priority is that of a thread.
+        const LOWEST: i32 = 19;
+        rustix::process::setpriority_process(None, LOWEST)?;
+    }
+    Ok(())
+}
 
 /// Reads the current usage.
 pub fn usage() -> Option<Usage> {

@@ -11,6 +11,7 @@ use crawler_learning::{Options, Run, RunError};
 use crawler_records::Experiment;
 use crawler_sim::scenario::Scenario;
 use crawler_system::data::make_private;
+use crawler_system::process::give_way;
 
 use super::told::{CurvePoint, Outcome, SO_FAR, Score};
 use crate::worker::TRAINING_BUILD;
@@ -89,7 +90,9 @@ impl Job {
     /// # Errors
     /// See [`RunError`].
     pub(super) fn learn(&self, work: Work) -> Result<Option<Score>, RunError> {
-        give_way();
+        if let Err(error) = give_way() {
+            tracing::warn!(%error, "a training does not give way to other threads");
+        }
         prepare(&work)?;
         let mut run = Run::open(&work.options, &work.folder, work.scenario, work.threads)?;
         self.progress().points = CurvePoint::all(run.curve());
@@ -156,16 +159,4 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), RunError> {
     let beside = path.with_extension("new");
     let written = fs::write(&beside, bytes).and_then(|()| fs::rename(&beside, path));
     written.map_err(|error| RunError::File(path.to_owned(), error))
-}
-
-/// Leaves the processor to every other thread that has something to do; threads that this one starts do as well.
-fn give_way() {
-    #[cfg(target_os = "linux")]
-    {
-        // There, a priority is that of a thread.
-        const LOWEST: i32 = 19;
-        if let Err(error) = rustix::process::setpriority_process(None, LOWEST) {
-            tracing::warn!(%error, "a training does not give way to other threads");
-        }
-    }
 }
