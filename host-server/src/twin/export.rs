@@ -4,18 +4,26 @@ use crawler_sim::world::Parameters as World;
 use crawler_twin::body::Parameters;
 use crawler_twin::certificate::Certificate;
 
-/// The section of a scenario that gives all its robots this body. A scenario has one body for all of its
-/// robots: the left and the right motor are their mean.
+/// The sections of a scenario that give all its robots this body: what both motors have in common as parameters, and what they
+/// make of that left and right.
 pub(super) fn scenario(certificate: &Certificate) -> String {
-    let world = body(&certificate.parameters);
+    let own = &certificate.parameters;
+    let world = body(own);
     let (chassis, pack) = (&world.chassis, &world.pack);
+    let shares = |pair: [f64; 2], of: f32, least: f64| {
+        let of = f64::from(of).max(1e-6);
+        [0, 1].map(|k| (pair[k] / of).clamp(least, 2.0))
+    };
+    let motors = shares(own.speed_per_volt, chassis.speed_per_volt, 0.2);
+    let friction = shares(own.friction_v, chassis.running_v, 0.0);
     format!(
-        "# The body of {} by its certificate {}; left and right motor are their mean.\n\
+        "# The body of {} by its certificate {}.\n\
          [parameters.chassis]\n\
          track_m = {:.5}\nspeed_per_volt = {:.5}\nrunning_v = {:.4}\nbreakaway_v = {:.4}\n\
          rotor_kg = {:.4}\ngyration_m = {:.4}\ndrag_share = {:.3}\n\n\
          [parameters.pack]\ninternal_ohm = {:.3}\n\n\
-         [parameters.spread]\nmotor = 0.0\ntrack = 0.0\nfriction = 0.0\nmass = 0.0\ncells = 0.0\n",
+         [parameters.spread]\nmotor = 0.0\ntrack = 0.0\nfriction = 0.0\nmass = 0.0\ncells = 0.0\n\n\
+         [[bodies]]\nmotors = [{:.5}, {:.5}]\nfriction = [{:.4}, {:.4}]\n",
         certificate.about.robot,
         certificate.id(),
         chassis.track_m,
@@ -26,6 +34,10 @@ pub(super) fn scenario(certificate: &Certificate) -> String {
         chassis.gyration_m,
         chassis.drag_share,
         pack.internal_ohm,
+        motors[0],
+        motors[1],
+        friction[0],
+        friction[1],
     )
 }
 

@@ -67,6 +67,11 @@ fn a_simulated_robot_is_calibrated_shown_and_exported() {
     );
     let (code, exported) = run(&["twin", "export", &certificate]);
     assert_eq!(code, Some(0), "{exported}");
+    let motors = exported.lines().find(|line| line.starts_with("motors = "));
+    assert!(
+        exported.contains("[[bodies]]") && motors.is_some(),
+        "{exported}"
+    );
     let own = folder.file("own.toml");
     let text = format!("name = \"own\"\nrobots = 1\n\n{exported}");
     std::fs::write(&own, text).expect("written");

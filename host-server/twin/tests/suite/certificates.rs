@@ -4,7 +4,7 @@ use crawler_twin::body::Parameters;
 use crawler_twin::certificate::{About, Certificate, Refused, certify};
 use crawler_twin::drive::Drive;
 use crawler_twin::evidence::{Evidence, Fix};
-use crawler_twin::identify::Unidentified;
+use crawler_twin::identify::{COUNT, NAMES, Unidentified};
 use crawler_twin::predict::{errors, quantile, score};
 
 use crate::reference::{Hidden, Random, Rates, Story, anyhow, calibration, drive};
@@ -100,6 +100,47 @@ fn what_no_twin_models_makes_certificates_rarer_and_never_wrong() {
         assert!(own < nominal, "{seed}: {own} against {nominal}");
     }
     assert!(made >= 4, "of eight only {made}");
+}
+
+#[test]
+fn bodies_that_a_certificate_allows_are_spread_as_it_says() {
+    let hidden = Hidden::draw(1_000, 0.0);
+    let evidence = calibration(&hidden, RATES).evidence();
+    let mut made = certify(&evidence, About::default(), None).expect("a certificate");
+    assert_eq!(made.draw(&[0.0; COUNT]), made.parameters);
+    let mut random = Random::new(5);
+    let drawn: Vec<Parameters> = (0..2_000)
+        .map(|_| made.draw(&std::array::from_fn(|_| random.normal())))
+        .collect();
+    assert!(drawn.iter().all(Parameters::is_sound));
+    let of = |name: &str| {
+        let found = made.values.iter().find(|value| value.name == name);
+        found.unwrap_or_else(|| panic!("no {name}")).sigma
+    };
+    let spread = |value: fn(&Parameters) -> f64| {
+        let mean = drawn.iter().map(value).sum::<f64>() / 2_000.0;
+        let squares: f64 = drawn.iter().map(|body| (value(body) - mean).powi(2)).sum();
+        (squares / 1_999.0).sqrt()
+    };
+    for (name, value) in [
+        (
+            NAMES[0],
+            (|body| body.speed_per_volt[0]) as fn(&Parameters) -> f64,
+        ),
+        (NAMES[8], |body| body.track_m),
+        (NAMES[9], |body| body.latency_s),
+    ] {
+        let ratio = spread(value) / of(name);
+        assert!((0.93..1.07).contains(&ratio), "{name}: {ratio}");
+    }
+    // Rims of one pack go up and down together: their ratio is known better than either.
+    let apart = spread(|body| body.speed_per_volt[0] - body.speed_per_volt[1]);
+    assert!(apart < 1.2 * of(NAMES[0]), "{apart}");
+    // A covariance that is none says nothing.
+    made.covariance[3][3] = -1.0;
+    assert_eq!(made.draw(&[1.0; COUNT]), made.parameters);
+    made.covariance.clear();
+    assert_eq!(made.draw(&[1.0; COUNT]), made.parameters);
 }
 
 #[test]
