@@ -103,6 +103,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-cells",
             "crawler-cluster",
             "crawler-commands",
+            "crawler-counterfactuals",
             "crawler-experiments",
             "crawler-fleet",
             "crawler-history",
@@ -180,6 +181,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-calibrations",
             "crawler-cluster",
             "crawler-commands",
+            "crawler-counterfactuals",
             "crawler-delivery",
             "crawler-experiments",
             "crawler-fleet",
@@ -218,6 +220,18 @@ const ALLOWED: &[(&str, &[&str])] = &[
     (
         "crawler-twins",
         &["crawler-metrics", "crawler-protocol", "crawler-twin"],
+    ),
+    (
+        "crawler-counterfactuals",
+        &[
+            "crawler-database",
+            "crawler-history",
+            "crawler-protocol",
+            "crawler-records",
+            "crawler-sim",
+            "crawler-system",
+            "crawler-twin",
+        ],
     ),
     (
         "crawler-calibrations",

@@ -23,7 +23,8 @@ const ALL_TIMED: &str = "timed";
 /// the server's crates that have a runtime, and what starts them.
 const TIMED: &str = "package(crawler-tests) | package(crawler-hil) | package(crawler-server) \
     | package(crawler-accounts) | package(crawler-api) | package(crawler-broker) \
-    | package(crawler-calibrations) | package(crawler-cluster) | package(crawler-commands) | package(crawler-database) \
+    | package(crawler-calibrations) | package(crawler-cluster) | package(crawler-commands) \
+    | package(crawler-counterfactuals) | package(crawler-database) \
     | package(crawler-experiments) | package(crawler-fleet) | package(crawler-history) \
     | package(crawler-passwords) | package(crawler-records) | package(crawler-rollouts) \
     | package(crawler-server-tls) | package(crawler-simulations) | package(crawler-system) \

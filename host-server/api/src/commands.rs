@@ -155,6 +155,11 @@ impl Asked {
         Ok(Self::read(&body))
     }
 
+    /// The command, or why it is none and the parts that are wrong.
+    pub(super) fn into_action(self) -> Result<Action, (Reason, Vec<FieldError>)> {
+        self.action.map_err(|reason| (reason, self.wrong))
+    }
+
     /// Whether it is a halt.
     pub(super) fn is_halt(&self) -> bool {
         self.action.as_ref().is_ok_and(is_halt)

@@ -5,7 +5,7 @@
 //!
 //! Reading order: `state`; what a request passes, in `serve`, `connection`, `peer`, `latency`, `guard`,
 //! `compression`, `access` and `rates`; what all answers share, in `problem`, `query` and `audit`. Then a file for
-//! each subject: `robots`, `images`, `maps`, `twins`, `calibrations`, `gap`, `commands`, `faults`, `fences`; `telemetry`, `history`, `events`; `live`,
+//! each subject: `robots`, `images`, `maps`, `twins`, `calibrations`, `gap`, `commands`, `faults`, `fences`; `telemetry`, `history`, `events`, `counterfactuals`; `live`,
 //! `mqtt`; `simulator`, `world`, `experiments`; `releases`, `rollouts`, `policies`, `shadows`; `session`, `sessions`, `users`, `credentials`; `schema`, `health`,
 //! `assets`.
 
@@ -16,6 +16,7 @@ mod calibrations;
 mod commands;
 mod compression;
 mod connection;
+mod counterfactuals;
 mod credentials;
 mod events;
 mod experiments;
@@ -116,6 +117,8 @@ pub fn router(parts: Parts, listen: SocketAddr, proxies: Networks) -> Router {
                 .routes(routes!(twins::forecast))
                 .routes(routes!(twins::certificates))
                 .routes(routes!(gap::of_fleet))
+                .routes(routes!(counterfactuals::list, counterfactuals::ask))
+                .routes(routes!(counterfactuals::one, counterfactuals::forget))
                 .routes(routes!(calibrations::permit))
                 .routes(routes!(calibrations::list, calibrations::begin))
                 .routes(routes!(calibrations::one, calibrations::stop))

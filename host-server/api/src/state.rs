@@ -15,6 +15,7 @@ use crawler_broker::{BrokerHandle, Kind};
 use crawler_calibrations::Calibrations;
 use crawler_cluster::ClusterMembership;
 use crawler_commands::CommandCenter;
+use crawler_counterfactuals::Counterfactuals;
 use crawler_experiments::Experiments;
 use crawler_fleet::SharedFleet;
 use crawler_fleet::bus::Bus;
@@ -55,6 +56,8 @@ pub struct Parts {
     pub records: Records,
     /// What the robots measured.
     pub history: HistoryStore,
+    /// What if a recorded moment had had another command in it.
+    pub counterfactuals: Arc<Counterfactuals>,
     /// Scenarios on many seeds.
     pub experiments: Arc<Experiments>,
     /// Updates on their way to robots.
@@ -94,6 +97,7 @@ struct Shared {
     world: World,
     records: Records,
     history: HistoryStore,
+    counterfactuals: Arc<Counterfactuals>,
     experiments: Arc<Experiments>,
     rollouts: Arc<Rollouts>,
     accounts: Arc<Accounts>,
@@ -124,6 +128,7 @@ impl ApiState {
             world: World(parts.simulation),
             records: parts.records,
             history: parts.history,
+            counterfactuals: parts.counterfactuals,
             experiments: parts.experiments,
             rollouts: parts.rollouts,
             accounts: parts.accounts,
@@ -163,6 +168,7 @@ parts! {
     world: World,
     records: Records,
     history: HistoryStore,
+    counterfactuals: Arc<Counterfactuals>,
     experiments: Arc<Experiments>,
     rollouts: Arc<Rollouts>,
     accounts: Arc<Accounts>,

@@ -26,6 +26,7 @@ use super::{StartError, endpoints, world};
 use crate::addresses::Addresses;
 use crate::config::{BrokerUrl, KeyFiles, Role, Settings};
 use crawler_broker::BrokerHandle;
+use crawler_counterfactuals::{Counterfactuals, Parts as CounterfactualParts};
 use crawler_experiments::{self as experiments, Experiments, Tell};
 use crawler_fleet::bus::{self, Connection, Target};
 use crawler_fleet::enforcement::{self, Enforcer, Stops};
@@ -81,6 +82,13 @@ pub(super) async fn start(
     // They end while robots can still be told to stop.
     let own = Arc::clone(&calibrations);
     parts.end_with(async move { own.end().await })?;
+    let counterfactuals = Counterfactuals::new(CounterfactualParts {
+        history: storage.history.clone(),
+        records: storage.records.clone(),
+        certificates: super::twins::certificates(&hub.twins),
+    });
+    let own = Arc::clone(&counterfactuals);
+    parts.end_with(async move { own.end() })?;
     let (https, authority) = (entrance.tls.is_some(), entrance.authority());
     let http = entrance.http;
     keep_certificate(entrance.certificates.as_ref(), parts)?;
@@ -88,6 +96,7 @@ pub(super) async fn start(
     let api = crawler_api::Parts {
         records: storage.records.clone(),
         history: storage.history,
+        counterfactuals,
         experiments,
         rollouts,
         accounts: storage.accounts,

@@ -11,6 +11,7 @@ use super::parts::{PATIENCE, Parts};
 use super::storage::Storage;
 use crate::config::Settings;
 use crate::room::room;
+use crawler_counterfactuals::Certificates;
 use crawler_fleet::{Level, SharedFleet};
 use crawler_protocol::open::Open;
 use crawler_protocol::{Kind, RobotId};
@@ -111,6 +112,15 @@ pub(super) fn start(
         }
     })?;
     Ok(twins)
+}
+
+/// The certificates that twins go by.
+pub(super) fn certificates(twins: &Arc<Twins>) -> Arc<Certificates> {
+    let twins = Arc::clone(twins);
+    Arc::new(move |robot| {
+        let found = twins.certificate(robot, clock::unix_ms())?;
+        found.certificate.filter(|_| found.refusal.is_none())
+    })
 }
 
 /// Makes events of what twins found. Every server of the fleet finds it out by itself.

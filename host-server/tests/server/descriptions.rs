@@ -97,6 +97,7 @@ async fn descriptions_fit_what_is_there() {
     assert_eq!(
         calls,
         [
+            "delete /api/v1/counterfactuals/{id}",
             "delete /api/v1/experiments/{id}",
             "delete /api/v1/fences/{id}",
             "delete /api/v1/robots/{id}/credential",
@@ -109,6 +110,8 @@ async fn descriptions_fit_what_is_there() {
             "get /api/v1/audit/verify",
             "get /api/v1/commands",
             "get /api/v1/commands/{id}",
+            "get /api/v1/counterfactuals",
+            "get /api/v1/counterfactuals/{id}",
             "get /api/v1/credentials",
             "get /api/v1/events",
             "get /api/v1/experiments",
@@ -151,6 +154,7 @@ async fn descriptions_fit_what_is_there() {
             "get /api/v1/simulator/scenarios/{name}",
             "get /api/v1/users",
             "patch /api/v1/users/{name}",
+            "post /api/v1/counterfactuals",
             "post /api/v1/experiments",
             "post /api/v1/experiments/{id}/pause",
             "post /api/v1/experiments/{id}/resume",
@@ -309,7 +313,7 @@ async fn every_call_points_at_what_is_wrong_in_its_body() {
             tried.insert(format!("{method} {path}"));
         }
     }
-    assert_eq!(tried.len(), 18, "{tried:?}");
+    assert_eq!(tried.len(), 19, "{tried:?}");
     fixture.stop().await;
 }
 

@@ -12,6 +12,7 @@ mod broker_rules;
 mod calibrations;
 mod compression;
 mod contract;
+mod counterfactuals;
 mod deltas;
 mod descriptions;
 mod experiments;

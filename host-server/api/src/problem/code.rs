@@ -75,6 +75,7 @@ codes! {
     UnknownRobot NOT_FOUND "unknown_robot",
     UnknownCalibration NOT_FOUND "unknown_calibration",
     UnknownCommandId NOT_FOUND "unknown_command_id",
+    UnknownCounterfactual NOT_FOUND "unknown_counterfactual",
     UnknownCredential NOT_FOUND "unknown_credential",
     UnknownExperiment NOT_FOUND "unknown_experiment",
     UnknownFence NOT_FOUND "unknown_fence",
@@ -90,12 +91,14 @@ codes! {
     NoParameters NOT_FOUND "no_parameters",
     NoSimulator NOT_FOUND "no_simulator",
     NoTwin NOT_FOUND "no_twin",
+    NotRecorded NOT_FOUND "not_recorded",
 
     // What it asks for.
     BadName UNPROCESSABLE_ENTITY "bad_name",
     WeakPassword UNPROCESSABLE_ENTITY "weak_password",
     InvalidCalibration UNPROCESSABLE_ENTITY "invalid_calibration",
     InvalidCommand UNPROCESSABLE_ENTITY "invalid_command",
+    InvalidCounterfactual UNPROCESSABLE_ENTITY "invalid_counterfactual",
     InvalidExperiment UNPROCESSABLE_ENTITY "invalid_experiment",
     InvalidFence UNPROCESSABLE_ENTITY "invalid_fence",
     GateMissing UNPROCESSABLE_ENTITY "gate_missing",

@@ -1,0 +1,182 @@
+//! How often what really happened lies in the region in which a counterfactual has it that changes nothing.
+//!
+//! `cargo run --release --example null_test [REALITIES]`: realities with bodies of `wild` that nobody can look into. In each
+//! a robot was calibrated before, by a drive; then it and three others are told where to go, or wander, and what
+//! became of it is held against the draws, with the body of the certificate and with the nominal one.
+
+#[path = "../tests/suite/recorded.rs"]
+mod recorded;
+
+use std::error::Error;
+use std::sync::Arc;
+
+use crawler_counterfactuals::Certificates;
+use crawler_counterfactuals::answer::Answer;
+use crawler_protocol::RobotId;
+use crawler_sim::run::{Duration, Simulation};
+use crawler_sim::scenario::Scenario;
+use crawler_twin::certificate::{About, Certificate, certify};
+use crawler_twin::evidence::{Duty, Evidence, Fix, Row, Supply};
+use crawler_twin::script;
+use rand_core::Rng as _;
+use rand_pcg::Pcg32;
+use serde_json::json;
+
+use recorded::{Order, Recorded};
+
+const HALL: &str = r#"
+name = "hall"
+robots = 4
+randomisation = "wild"
+arena = { width = 6.0, height = 6.0, scatter = { per_square_metre = 0.0 } }
+tracker = { rate_hz = 10.0 }
+[spawn]
+poses = [{ x = -2.0, y = -2.0 }, { x = -2.0, y = 2.0 }, { x = 2.0, y = 2.0 }, { x = 2.0, y = -2.0 }]
+"#;
+
+/// The calibrated one.
+const ROBOT: &str = "sim-0001";
+/// Noise of its tracker while it was calibrated, metres and radians.
+const NOISE: [f64; 2] = [0.005, 0.01];
+
+/// Records that were tested, and those of them inside.
+#[derive(Default)]
+struct Tally {
+    tested: u32,
+    inside: u32,
+    /// Radius of the regions in the end, added up, metres.
+    within_m: f64,
+}
+
+impl Tally {
+    fn add(&mut self, answer: &Answer, only: bool) {
+        let robots = answer.robots.iter();
+        for robot in robots.filter(|robot| (robot.robot.as_str() == ROBOT) == only) {
+            if let Some(inside) = robot.inside {
+                self.tested += 1;
+                self.inside += u32::from(inside);
+                self.within_m += f64::from(*robot.was.within.last().unwrap_or(&0.0));
+            }
+        }
+    }
+
+    fn print(&self, what: &str) {
+        let Self {
+            tested,
+            inside,
+            within_m,
+        } = self;
+        let share = 100.0 * f64::from(*inside) / f64::from(*tested).max(1.0);
+        let mean = within_m / f64::from(*tested).max(1.0);
+        println!("{what:<44}{inside:>6} of {tested:<6}{share:>6.1} %{mean:>10.2} m");
+    }
+}
+
+#[tokio::main]
+async fn main() -> Result<(), Box<dyn Error>> {
+    // `cargo bench` and `xtask` hand on more than a number.
+    let number = std::env::args().skip(1).find_map(|word| word.parse().ok());
+    let realities: u64 = number.unwrap_or(25);
+    println!(
+        "{:<44}{:>16}{:>12}{:>12}",
+        "what is held against its draws", "inside", "share", "region"
+    );
+    let [mut own, mut nominal, mut others, mut roaming] = [(); 4].map(|()| Tally::default());
+    let mut refused = 0;
+    for seed in 1..=realities {
+        let Some(certificate) = calibrate(seed)? else {
+            refused += 1;
+            continue;
+        };
+        let certificate = Arc::new(certificate);
+        let known: Arc<Certificates> = Arc::new(move |robot: &RobotId| {
+            (robot.as_str() == ROBOT).then(|| Arc::clone(&certificate))
+        });
+        let answer = ask(seed, known, false).await;
+        own.add(&answer, true);
+        others.add(&answer, false);
+        let unknown: Arc<Certificates> = Arc::new(|_| None);
+        nominal.add(&ask(seed, Arc::clone(&unknown), false).await, true);
+        let answer = ask(seed, unknown, true).await;
+        roaming.add(&answer, true);
+        roaming.add(&answer, false);
+    }
+    own.print("sent somewhere, with its certificate");
+    nominal.print("the same with the nominal body");
+    others.print("others, not calibrated, sent somewhere");
+    roaming.print("not calibrated, wandering");
+    println!("{refused} of {realities} drives gave no certificate");
+    Ok(())
+}
+
+/// Lets a reality pass, and asks what would have become of it without any change.
+async fn ask(seed: u64, certificates: Arc<Certificates>, wander: bool) -> Answer {
+    let order = |x: f32, y: f32| match wander {
+        true => json!({ "command": "behave", "parameters": { "behaviour": "wander" } }),
+        false => json!({ "command": "goto", "parameters": { "x": x, "y": y } }),
+    };
+    let orders: [Order; 4] = [
+        (8_000, ROBOT, order(2.0, -1.0)),
+        (8_000, "sim-0002", order(1.0, 2.4)),
+        (8_000, "sim-0003", order(2.0, -0.5)),
+        (8_000, "sim-0004", order(-1.0, -2.4)),
+    ];
+    let past = Recorded::of(HALL, seed, 24, &orders, certificates).await;
+    // What idles is told to stop, which it does already.
+    let mut question = past.question(11_000, Some(&[ROBOT]), &json!({ "command": "stop" }));
+    (question.seconds, question.draws) = (8, 40);
+    Arc::unwrap_or_clone(past.answer(question).await)
+}
+
+/// Drives the robot of a reality as a calibration does; `None` where that gives no certificate.
+fn calibrate(seed: u64) -> Result<Option<Certificate>, Box<dyn Error>> {
+    let mut scenario = Scenario::parse(&script::scenario())?;
+    scenario.randomisation = Scenario::parse(HALL)?.randomisation;
+    let end = scenario.duration_s;
+    let mut world = Simulation::lockstep(scenario, seed)?;
+    let mut rng = Pcg32::new(seed, 1);
+    let mut noise = |sigma: f64| {
+        let mut unit = || (f64::from(rng.next_u32()) + 0.5) / 4_294_967_296.0;
+        let (one, other) = (unit(), unit());
+        sigma * (-2.0 * one.ln()).sqrt() * (std::f64::consts::TAU * other).cos()
+    };
+    let mut evidence = Evidence::default();
+    while (world.now().as_micros() as f32) < end * 1e6 {
+        world.run_for(Duration::from_millis(50));
+        let at_s = world.now().as_micros() as f64 * 1e-6;
+        let own = world.robot(0).ok_or("there is no robot")?.snapshot();
+        let pose = world.pose(0).ok_or("there is no robot")?;
+        let rows = [
+            Row::Duty(Duty {
+                at_s,
+                arrived_s: None,
+                duty: own.wheels.map(f64::from),
+            }),
+            Row::Fix(Fix {
+                at_s,
+                arrived_s: None,
+                x: f64::from(pose.x) + noise(NOISE[0]),
+                y: f64::from(pose.y) + noise(NOISE[0]),
+                theta: f64::from(pose.theta) + noise(NOISE[1]),
+                sigma_m: NOISE[0],
+            }),
+        ];
+        let supply = own.battery.voltage.map(|millivolts| {
+            Row::Supply(Supply {
+                at_s,
+                arrived_s: None,
+                volts: f64::from(millivolts.0) * 1e-3,
+            })
+        });
+        for row in rows.into_iter().chain(supply) {
+            evidence
+                .take(row)
+                .map_err(|refusal| format!("{refusal:?}"))?;
+        }
+    }
+    let about = About {
+        robot: ROBOT.to_owned(),
+        ..About::default()
+    };
+    Ok(certify(&evidence, about, None).ok())
+}
