@@ -197,6 +197,24 @@ fn the_past_is_where_robots_were() {
         .env("BASE_URL", server.url()));
 }
 
+/// Questions that fail, that are ended and that wait for others: the mock's.
+#[test]
+fn what_if_is_asked_by_mouse_and_keys() {
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:what-if"])
+        .env_remove("BASE_URL"));
+}
+
+/// A robot that is told to stop in a recorded moment stays in the one world, and goes on in the other.
+#[test]
+fn what_if_a_robot_had_been_told_to_stop() {
+    let server = Terracrawler::start(&["up", "--robots", "8", "--seed", "3"]);
+    server.wait_online(8, LIMIT);
+    run(Command::new("npm")
+        .args(["run", "--silent", "e2e:what-if"])
+        .env("BASE_URL", server.url()));
+}
+
 /// Runs `terracrawler release` and fails with what it said.
 fn release(arguments: &[&str]) {
     let mut command = Command::new(crawler_tests::binary());

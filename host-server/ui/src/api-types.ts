@@ -1,6 +1,6 @@
 /** The server's own types, by the names that the control room uses. */
 
-import type { components } from './.generated/interface'
+import type { components, paths } from './.generated/interface'
 
 type Schemas = components['schemas']
 
@@ -62,5 +62,9 @@ export type UpdateState = Schemas['UpdateState']
 export type UpdateReason = Schemas['UpdateReason']
 export type HistorySpan = Schemas['HistorySpan']
 export type HistoryFrames = Schemas['HistoryFrames']
+export type Counterfactual = Schemas['Counterfactual']
+export type CounterfactualAnswer = Schemas['CounterfactualAnswer']
+export type NewCounterfactual =
+  paths['/api/v1/counterfactuals']['post']['requestBody']['content']['application/json']
 export type EventsBody = Schemas['Events']
 export type RecordedEvent = EventsBody['events'][number]

@@ -1,9 +1,9 @@
 /** Words of the way to the pages and of the badge that says how things are; part of the first view. */
 
-import type { Place } from './view'
+import type { Inner, Place } from './view'
 import { duration } from './strings'
 
-export const places: Record<Place, string> = {
+export const places: Record<Place | Inner, string> = {
   room: 'Live',
   dashboard: 'Dashboard',
   robots: 'Robots',
@@ -12,6 +12,7 @@ export const places: Record<Place, string> = {
   history: 'History',
   experiments: 'Experiments',
   updates: 'Updates',
+  'what-if': 'What if',
 }
 
 export const nav = { label: 'Pages', skip: 'Skip to the content' }

@@ -29,10 +29,14 @@ export function spoken(time: number): string {
 
 export const past = {
   recorded: 'Recorded',
-  notLive: 'Not live: this is how it was.',
+  notLive: 'Not live',
   ago: (milliseconds: number) =>
     milliseconds < 1_000 ? 'just now' : `${duration(milliseconds / 1_000)} ago`,
   live: 'Back to live',
+  whatIf: 'What if…',
+  whatIfHint:
+    'Simulate what would have happened, had robots been told something else at this moment',
+  whatIfAsked: 'What was asked',
   copy: 'Copy link',
   copyHint: 'Copy a link that shows this very moment',
   copied: 'Link copied',
@@ -41,7 +45,7 @@ export const past = {
   noneMore:
     'As soon as robots tell where they are, the server records it, and this page can show it.',
   loading: 'Loading this moment…',
-  waits: 'Waiting for the record…',
+  waits: 'Waiting…',
   empty: 'Nothing was recorded at this moment.',
   emptyMore: (from: string, to: string) => `There is a record from ${from} to ${to}.`,
   toRecord: 'Go to the end of the record',

@@ -22,10 +22,13 @@ export const PLACES = [
 const PAGES = ['account', 'people', 'keys', 'audit'] as const
 export type Place = (typeof PLACES)[number]
 export type Page = (typeof PAGES)[number]
-export type View = Place | Page
+/** Pages that a place leads to, and which place. */
+const WITHIN = { 'what-if': 'history' } as const satisfies Readonly<Record<string, Place>>
+export type Inner = keyof typeof WITHIN
+export type View = Place | Page | Inner
 
 const ADMIN_PAGES: ReadonlySet<View> = new Set(['people', 'keys', 'audit'])
-const VIEWS: readonly View[] = [...PLACES, ...PAGES]
+const VIEWS: readonly View[] = [...PLACES, ...PAGES, ...(Object.keys(WITHIN) as Inner[])]
 
 export type Query = Readonly<Record<string, string>>
 
@@ -87,6 +90,11 @@ export function viewOf(hash: string): View {
 
 export function isPage(view: View): view is Page {
   return (PAGES as readonly View[]).includes(view)
+}
+
+/** The place that a page belongs to, in the bar of places. */
+export function placeOf(view: View): View {
+  return view in WITHIN ? WITHIN[view as Inner] : view
 }
 
 /** Pages that somebody may see; nobody has an account where there are none. */

@@ -75,6 +75,8 @@ export class Stage {
   goals: readonly Goal[] = []
   /** Pictures drawn so far. */
   pictures = 0
+  /** What there is to see, where that is not what the robots of the moment are in. */
+  frame: Bounds | null = null
   /** Called with each of them. */
   onPicture: (view: View) => void = () => undefined
 
@@ -191,6 +193,7 @@ export class Stage {
 
   /** What there is to see. */
   everything(): Bounds {
+    if (this.frame !== null) return this.frame
     const robots = boundsOf(this.room.fleet.all())
     const arena = this.room.arena.value
     if (arena === null) return robots ?? { minX: -3, minY: -3, maxX: 3, maxY: 3 }

@@ -44,11 +44,7 @@ export class Unreadable extends Error {}
 
 /** Checks what must fit together; the rest the server's own tests hold it to. */
 export function readFrames(told: HistoryFrames): Recorded {
-  const states = told.states.map((name) => {
-    const known = STATES.findIndex((state) => state === name)
-    // A state of a newer server: nothing is known of it but that it is one.
-    return known < 0 ? STATES.indexOf('IDLE') : known
-  })
+  const states = stateCodes(told.states)
   const tracks = new Map<string, Track>()
   let points = 0
   for (const row of told.robots) {
@@ -62,6 +58,15 @@ export function readFrames(told: HistoryFrames): Recorded {
     ...told.arenas.map(({ at, arena }) => ({ at, arena: readGround(arena) })),
   ]
   return { from: told.from, to: told.to, step: told.step, tracks, arenas, points }
+}
+
+/** The states of the live feed, by their places in what names them here. */
+export function stateCodes(names: readonly string[]): number[] {
+  return names.map((name) => {
+    const known = STATES.findIndex((state) => state === name)
+    // A state of a newer server: nothing is known of it but that it is one.
+    return known < 0 ? STATES.indexOf('IDLE') : known
+  })
 }
 
 /** The arena at a moment; the same object for as long as it is the same. */
@@ -118,7 +123,7 @@ function usualSpacing(at: Float64Array): number {
 }
 
 /** An arena that cannot be read is none: robots are worth showing without it. */
-function readGround(value: unknown): Arena | null {
+export function readGround(value: unknown): Arena | null {
   if (value === null || value === undefined) return null
   try {
     return readArena(object(value))

@@ -71,7 +71,7 @@ export function nearest(twin: TwinForecastsBody): Pose | null {
 }
 
 /** A robot, and where it heads. On the screen y points down. */
-function outline(
+export function outline(
   context: CanvasRenderingContext2D,
   [x, y]: readonly [number, number],
   theta: number,

@@ -8,6 +8,7 @@ import { fileURLToPath } from 'node:url'
 import { WebSocketServer } from 'ws'
 import { Refusal, createAccounts } from './accounts.mjs'
 import { jsonFrame, posesFrame } from './encode.mjs'
+import { createCounterfactuals } from './counterfactuals.mjs'
 import { createExperiments } from './experiments.mjs'
 import { createFences } from './fences.mjs'
 import { createMaps } from './maps.mjs'
@@ -62,6 +63,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
   const releases = createReleases({ clock })
   const rollouts = createRollouts({ clock, releases: releases.releases, robots: world.robots })
   const record = createRecord({ world, clock, robots, seed })
+  const counterfactuals = createCounterfactuals({ record, clock })
   const ready = { ready: true, broker: true, simulation: true }
   let refuse = false
   let down = false
@@ -173,6 +175,8 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     if (followed !== null) return json(response, followed.status, followed.body)
     const released = releases.answer(request.method, parts, body, name)
     if (released !== null) return json(response, released.status, released.body)
+    const supposed = counterfactuals.answer(request.method, parts, body, name)
+    if (supposed !== null) return json(response, supposed.status, supposed.body, supposed.headers)
     const rolled = rollouts.answer(request.method, parts, url, body, name)
     if (rolled !== null) return json(response, rolled.status, rolled.body)
     if (request.method === 'GET' && parts[2] === 'image') {
@@ -281,6 +285,7 @@ export async function startMock({ robots = 50, seed = 1, port = 0, ...options } 
     maps,
     twins,
     accounts,
+    counterfactuals,
     experiments,
     releases: releases.releases,
     rollouts: rollouts.rollouts,

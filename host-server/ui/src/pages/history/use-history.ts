@@ -10,6 +10,7 @@ import type { Window, Wish } from '../../history/address'
 import { USUAL_WINDOW_MS, around, queryOfWish, wishOf } from '../../history/address'
 import type { Layout } from '../../history/chunks'
 import { layoutFor, pieceAt, pieceBefore, wanted } from '../../history/chunks'
+import { Frames } from '../../history/frames'
 import type { HistoryApi } from '../../history/history-api'
 import { Player } from '../../history/player'
 import type { Recorded } from '../../history/record'
@@ -74,8 +75,6 @@ export function usePast(room: Room, address: Address, api: HistoryApi): Past {
   let latest: Recorded | null = null
   let toldAt = Number.NEGATIVE_INFINITY
   let resting: ReturnType<typeof setTimeout> | null = null
-  let request = 0
-  let frameAt = 0
 
   /** Before the first frame of the feed there is no clock but the browser's. */
   function now(): number {
@@ -114,6 +113,8 @@ export function usePast(room: Room, address: Address, api: HistoryApi): Past {
       else rest()
     },
   })
+
+  const frames = new Frames(player)
 
   const past: Past = {
     room,
@@ -207,24 +208,15 @@ export function usePast(room: Room, address: Address, api: HistoryApi): Past {
     address.change(queryOfWish({ window: { from, to }, at }))
   }
 
-  function picture(wall: number): void {
-    request = 0
-    if (!player.playing.value) return
-    player.advance(wall - frameAt, wall)
-    frameAt = wall
-    request = requestAnimationFrame(picture)
-  }
-
   watch(player.playing, (playing) => {
-    cancelAnimationFrame(request)
+    frames.stop()
     load()
     if (!playing) {
       tick.value += 1
       write()
       return
     }
-    frameAt = performance.now()
-    request = requestAnimationFrame(picture)
+    frames.start()
   })
   watch(
     () => wish.value.speed,
@@ -285,7 +277,7 @@ export function usePast(room: Room, address: Address, api: HistoryApi): Past {
     writing = setInterval(write, WRITE_MS)
   })
   onBeforeUnmount(() => {
-    cancelAnimationFrame(request)
+    frames.stop()
     if (resting !== null) clearTimeout(resting)
     if (writing !== null) clearInterval(writing)
     player.playing.value = false
