@@ -25,6 +25,7 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
         "soak" => bench_server::soak(rest),
         "updates" => bench_server::updates(rest),
         "twin" => twin(rest),
+        "what-if" => what_if(rest),
         "alarms" => bench_server::alarms(rest),
         "all" => bench_sim::table(&[])
             .and_then(|()| fleet(&[]))
@@ -35,10 +36,11 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
             .and_then(|()| bench_server::disk(&[]))
             .and_then(|()| bench_server::updates(&[]))
             .and_then(|()| twin(&[]))
+            .and_then(|()| what_if(&[]))
             .and_then(|()| bench_server::alarms(&[])),
         other => Err(Failure(format!(
             "there is no measurement '{other}': sim, fleet, vision, ui, server, chaos, disk, soak, \
-             updates, twin, alarms"
+             updates, twin, what-if, alarms"
         ))),
     }
 }
@@ -62,13 +64,21 @@ fn fleet(arguments: &[String]) -> Outcome {
 /// Twins of hidden robots: what they are found to be, how well what they do is foretold, and what those of a large fleet
 /// cost a server.
 fn twin(arguments: &[String]) -> Outcome {
-    for (package, example) in [("crawler-twin", "study"), ("crawler-twins", "live")] {
-        let mut line = vec!["run", "--release", "--locked", "--quiet", "--package"];
-        line.extend([package, "--example", example, "--"]);
-        line.extend(arguments.iter().map(String::as_str));
-        run::cargo(&line)?;
-    }
-    Ok(())
+    example("crawler-twin", "study", arguments)?;
+    example("crawler-twins", "live", arguments)
+}
+
+/// How often what happened lies where a counterfactual has it that changes nothing.
+fn what_if(arguments: &[String]) -> Outcome {
+    example("crawler-counterfactuals", "null_test", arguments)
+}
+
+/// Runs an example of a package, built for release.
+fn example(package: &str, name: &str, arguments: &[String]) -> Outcome {
+    let mut line = vec!["run", "--release", "--locked", "--quiet", "--package"];
+    line.extend([package, "--example", name, "--"]);
+    line.extend(arguments.iter().map(String::as_str));
+    run::cargo(&line)
 }
 
 /// The control room in a real browser: what it costs the page's main thread.

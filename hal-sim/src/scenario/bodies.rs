@@ -31,6 +31,9 @@ pub struct KnownBody {
     /// Internal resistance of its pack, ohms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub internal_ohm: Option<f32>,
+    /// Charge of its pack in the beginning, 0 to 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub charge: Option<f32>,
 }
 
 impl KnownBody {
@@ -44,6 +47,7 @@ impl KnownBody {
             mass_kg: self.mass_kg,
             gyration_m: self.gyration_m,
             internal_ohm: self.internal_ohm,
+            charge: self.charge,
         }
     }
 }

@@ -213,6 +213,7 @@ impl Bodies {
         let (left, right) = (1.0 + draw(spread.motor), 1.0 + draw(spread.motor));
         let track_m = chassis.track_m * (1.0 + draw(spread.track));
         let charge = (parameters.pack.charge + draw(spread.charge)).clamp(0.0, 1.0);
+        let charge = known.charge.unwrap_or(charge);
         let friction = [1.0 + draw(spread.friction), 1.0 + draw(spread.friction)];
         let mass_kg = chassis.mass_kg * (1.0 + draw(spread.mass));
         let internal_ohm = parameters.pack.internal_ohm * (1.0 + draw(spread.cells));

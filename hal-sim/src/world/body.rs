@@ -19,6 +19,8 @@ pub struct Body {
     pub gyration_m: Option<f32>,
     /// Internal resistance of the pack, ohms.
     pub internal_ohm: Option<f32>,
+    /// Charge of the pack in the beginning, 0 to 1.
+    pub charge: Option<f32>,
 }
 
 impl Body {
@@ -41,7 +43,8 @@ impl Body {
         within("track_m", self.track_m, 0.02, 0.3)?;
         within("mass_kg", self.mass_kg, 0.05, 5.0)?;
         within("gyration_m", self.gyration_m, 0.01, 0.1)?;
-        within("internal_ohm", self.internal_ohm, 0.0, 2.0)
+        within("internal_ohm", self.internal_ohm, 0.0, 2.0)?;
+        within("charge", self.charge, 0.0, 1.0)
     }
 
     /// Puts what is known in the place of what was drawn.

@@ -1,8 +1,8 @@
 //! How often what really happened lies in the region in which a counterfactual has it that changes nothing.
 //!
 //! `cargo run --release --example null_test [REALITIES]`: realities with bodies of `wild` that nobody can look into. In each
-//! a robot was calibrated before, by a drive; then it and three others are told where to go, or wander, and what
-//! became of it is held against the draws, with the body of the certificate and with the nominal one.
+//! a robot was calibrated before, by a drive; then it and three others, which were not, are told where to go: each in a lane of its
+//! own, or across each other's way; or they wander. What became of them is held against the draws.
 
 #[path = "../tests/suite/recorded.rs"]
 mod recorded;
@@ -20,24 +20,52 @@ use crawler_twin::evidence::{Duty, Evidence, Fix, Row, Supply};
 use crawler_twin::script;
 use rand_core::Rng as _;
 use rand_pcg::Pcg32;
-use serde_json::json;
+use serde_json::{Value, json};
 
-use recorded::{Order, Recorded};
+use recorded::Recorded;
 
 const HALL: &str = r#"
 name = "hall"
 robots = 4
 randomisation = "wild"
+link = {}
+bodies = [{ charge = 0.7 }]
 arena = { width = 6.0, height = 6.0, scatter = { per_square_metre = 0.0 } }
 tracker = { rate_hz = 10.0 }
 [spawn]
-poses = [{ x = -2.0, y = -2.0 }, { x = -2.0, y = 2.0 }, { x = 2.0, y = 2.0 }, { x = 2.0, y = -2.0 }]
+poses = [{ x = -2.4, y = -2.1 }, { x = -2.4, y = -0.7 }, { x = 2.4, y = 0.7, theta = 3.1 }, { x = 2.4, y = 2.1, theta = 3.1 }]
 "#;
 
 /// The calibrated one.
 const ROBOT: &str = "sim-0001";
 /// Noise of its tracker while it was calibrated, metres and radians.
 const NOISE: [f64; 2] = [0.005, 0.01];
+
+/// What robots are told.
+#[derive(Clone, Copy)]
+enum Task {
+    /// To the other side, each in its lane.
+    Lanes,
+    /// To the other side, across each other's way.
+    Across,
+    /// To wander.
+    Wander,
+}
+
+impl Task {
+    /// For robots by their places.
+    fn command(self, robot: usize) -> Value {
+        let ends = match self {
+            Self::Wander => {
+                return json!({ "command": "behave", "parameters": { "behaviour": "wander" } });
+            }
+            Self::Lanes => [[2.4, -2.1], [2.4, -0.7], [-2.4, 0.7], [-2.4, 2.1]],
+            Self::Across => [[2.4, 2.1], [2.4, 0.7], [-2.4, -0.7], [-2.4, -2.1]],
+        };
+        let [x, y]: [f64; 2] = ends[robot];
+        json!({ "command": "goto", "parameters": { "x": x, "y": y } })
+    }
+}
 
 /// Records that were tested, and those of them inside.
 #[derive(Default)]
@@ -81,7 +109,16 @@ async fn main() -> Result<(), Box<dyn Error>> {
         "{:<44}{:>16}{:>12}{:>12}",
         "what is held against its draws", "inside", "share", "region"
     );
-    let [mut own, mut nominal, mut others, mut roaming] = [(); 4].map(|()| Tally::default());
+    let rows = [
+        ("in its lane, by its certificate", true),
+        ("the same by the nominal body", true),
+        ("others in their lanes, not calibrated", false),
+        ("across, by its certificate", true),
+        ("others across, not calibrated", false),
+        ("wandering, by its certificate", true),
+        ("others wandering, not calibrated", false),
+    ];
+    let mut tallies: [Tally; 7] = Default::default();
     let mut refused = 0;
     for seed in 1..=realities {
         let Some(certificate) = calibrate(seed)? else {
@@ -92,37 +129,28 @@ async fn main() -> Result<(), Box<dyn Error>> {
         let known: Arc<Certificates> = Arc::new(move |robot: &RobotId| {
             (robot.as_str() == ROBOT).then(|| Arc::clone(&certificate))
         });
-        let answer = ask(seed, known, false).await;
-        own.add(&answer, true);
-        others.add(&answer, false);
-        let unknown: Arc<Certificates> = Arc::new(|_| None);
-        nominal.add(&ask(seed, Arc::clone(&unknown), false).await, true);
-        let answer = ask(seed, unknown, true).await;
-        roaming.add(&answer, true);
-        roaming.add(&answer, false);
+        let lanes = ask(seed, Arc::clone(&known), Task::Lanes).await;
+        let nominal = ask(seed, Arc::new(|_| None), Task::Lanes).await;
+        let across = ask(seed, Arc::clone(&known), Task::Across).await;
+        let wander = ask(seed, known, Task::Wander).await;
+        let answers = [&lanes, &nominal, &lanes, &across, &across, &wander, &wander];
+        for ((tally, (_, own)), answer) in tallies.iter_mut().zip(rows).zip(answers) {
+            tally.add(answer, own);
+        }
     }
-    own.print("sent somewhere, with its certificate");
-    nominal.print("the same with the nominal body");
-    others.print("others, not calibrated, sent somewhere");
-    roaming.print("not calibrated, wandering");
+    for ((what, _), tally) in rows.iter().zip(&tallies) {
+        tally.print(what);
+    }
     println!("{refused} of {realities} drives gave no certificate");
     Ok(())
 }
 
 /// Lets a reality pass, and asks what would have become of it without any change.
-async fn ask(seed: u64, certificates: Arc<Certificates>, wander: bool) -> Answer {
-    let order = |x: f32, y: f32| match wander {
-        true => json!({ "command": "behave", "parameters": { "behaviour": "wander" } }),
-        false => json!({ "command": "goto", "parameters": { "x": x, "y": y } }),
-    };
-    let orders: [Order; 4] = [
-        (8_000, ROBOT, order(2.0, -1.0)),
-        (8_000, "sim-0002", order(1.0, 2.4)),
-        (8_000, "sim-0003", order(2.0, -0.5)),
-        (8_000, "sim-0004", order(-1.0, -2.4)),
-    ];
+async fn ask(seed: u64, certificates: Arc<Certificates>, task: Task) -> Answer {
+    let robots = [ROBOT, "sim-0002", "sim-0003", "sim-0004"];
+    let orders = [0, 1, 2, 3].map(|robot| (8_000, robots[robot], task.command(robot)));
     let past = Recorded::of(HALL, seed, 24, &orders, certificates).await;
-    // What idles is told to stop, which it does already.
+    // Only the world as it was counts here.
     let mut question = past.question(11_000, Some(&[ROBOT]), &json!({ "command": "stop" }));
     (question.seconds, question.draws) = (8, 40);
     Arc::unwrap_or_clone(past.answer(question).await)

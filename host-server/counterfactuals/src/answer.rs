@@ -163,13 +163,14 @@ fn robot_answer(
             .map(|draw| f64::from(draw[world].contacts[robot]));
         all.sum::<f64>() / draws.len() as f64
     };
-    let last = past.orders.iter().rfind(|order| order.at_ms <= 0);
+    let mut told = past.orders.iter().filter(|order| order.at_ms <= 0);
+    let (first, later) = (told.next(), told.next_back());
     let [was, would] = paths;
     RobotAnswer {
         robot: past.robot.clone(),
         certificate: past.certificate.as_ref().map(|known| known.id().to_owned()),
-        doing: last.map(|order| words(&order.action)),
-        supposed: past.supposed && past.orders.len() == 1,
+        doing: later.or(first).map(|order| words(&order.action)),
+        supposed: past.supposed && later.is_none(),
         recorded: past.path.clone(),
         inside: inside(robot, &past.path, draws),
         was,

@@ -1,6 +1,6 @@
 //! The bodies of robots in a draw.
 
-use crawler_sim::scenario::{KnownBody, Selector};
+use crawler_sim::scenario::KnownBody;
 use crawler_sim::world::Chassis;
 use crawler_twin::body::Parameters;
 use crawler_twin::certificate::Certificate;
@@ -8,25 +8,32 @@ use crawler_twin::identify::COUNT;
 use rand_core::Rng as _;
 use rand_pcg::Pcg32;
 
+/// How well a robot knows the charge of its pack, as a share of all: by a gauge, and under whatever load there is.
+const CHARGE_SIGMA: f64 = 0.1;
+
 /// A body between the others: that of the certificate, or the nominal one.
-pub(crate) fn middle(robot: usize, certificate: Option<&Certificate>) -> KnownBody {
+pub(crate) fn middle(certificate: Option<&Certificate>, charge: f32) -> KnownBody {
     let parameters = certificate.map_or(&Parameters::NOMINAL, |known| &known.parameters);
-    known(robot, parameters)
+    KnownBody {
+        charge: Some(charge),
+        ..known(parameters)
+    }
 }
 
-/// A body that the certificate allows; without one `None`, and the world draws it.
-pub(crate) fn drawn(
-    robot: usize,
-    certificate: Option<&Certificate>,
-    rng: &mut Pcg32,
-) -> Option<KnownBody> {
+/// A body that the certificate allows; without one all but the charge is left to the world to draw.
+pub(crate) fn drawn(certificate: Option<&Certificate>, charge: f32, rng: &mut Pcg32) -> KnownBody {
     let normals: [f64; COUNT] = std::array::from_fn(|_| normal(rng));
-    Some(known(robot, &certificate?.draw(&normals)))
+    let charge = f64::from(charge) + CHARGE_SIGMA * normal(rng);
+    let body = certificate.map(|certificate| known(&certificate.draw(&normals)));
+    KnownBody {
+        charge: Some(charge.clamp(0.0, 1.0) as f32),
+        ..body.unwrap_or_default()
+    }
 }
 
 /// The simulator's body that moves like this one. Masses, windings and forces enter a drive as two time constants: mass and
 /// gyration of the robot make them, and rotors stay as they are.
-fn known(robot: usize, twin: &Parameters) -> KnownBody {
+fn known(twin: &Parameters) -> KnownBody {
     let nominal = &Parameters::NOMINAL;
     let chassis = Chassis::default();
     let share = |of: [f64; 2], to: [f64; 2], most: f64| {
@@ -40,13 +47,13 @@ fn known(robot: usize, twin: &Parameters) -> KnownBody {
     let turning = (2.0 * (twin.lag_turn_s * damping - rotor)).max(0.0);
     let gyration = (turning / mass).sqrt() * twin.track_m * 0.5;
     KnownBody {
-        robots: Selector::List(vec![robot as u32]),
         motors: Some(share(twin.speed_per_volt, nominal.speed_per_volt, 2.0)),
         friction: Some(friction.map(|share| share as f32)),
         track_m: Some(twin.track_m.clamp(0.02, 0.3) as f32),
         mass_kg: Some(mass as f32),
         gyration_m: Some(gyration.clamp(0.01, 0.1) as f32),
         internal_ohm: Some(twin.internal_ohm.clamp(0.0, 2.0) as f32),
+        ..KnownBody::default()
     }
 }
 
@@ -65,7 +72,7 @@ mod tests {
 
     #[test]
     fn the_nominal_body_is_that_of_the_simulator() {
-        let body = middle(3, None);
+        let body = middle(None, 0.25);
         let world = World::default();
         let close = |a: f32, b: f32| assert!((a - b).abs() <= 0.01 * b, "{body:?}");
         for k in 0..2 {
@@ -76,7 +83,7 @@ mod tests {
         close(body.mass_kg.expect("known"), world.chassis.mass_kg);
         close(body.gyration_m.expect("known"), world.chassis.gyration_m);
         close(body.internal_ohm.expect("known"), world.pack.internal_ohm);
-        assert_eq!(body.robots, Selector::List(vec![3]));
+        assert_eq!(body.charge, Some(0.25));
     }
 
     #[test]

@@ -51,6 +51,8 @@ pub(crate) struct PastRobot {
     pub(crate) orders: Vec<Order>,
     /// Whether it moved although nobody is known to have told it to.
     pub(crate) supposed: bool,
+    /// Of its pack at the moment, 0 to 1.
+    pub(crate) charge: f32,
     /// Whose body it has.
     pub(crate) certificate: Option<Arc<Certificate>>,
 }
@@ -200,6 +202,7 @@ fn robot(
 ) -> Option<PastRobot> {
     let at = question.at_ms;
     let there = between(&track.frames, at)?;
+    let charge = nearest(&track.frames, at)?.battery_percent;
     let points = 0..question.points() as i64;
     let path = points.map(|point| between(&track.frames, at + point * i64::from(STEP_MS)));
     let mut told = orders.get(&track.robot).cloned().unwrap_or_default();
@@ -218,6 +221,7 @@ fn robot(
         path: path.collect(),
         orders: told,
         supposed,
+        charge: (charge * 0.01).clamp(0.0, 1.0),
         certificate: certificates(&track.robot),
     })
 }

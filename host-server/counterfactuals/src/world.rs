@@ -4,7 +4,7 @@ use std::fmt;
 
 use crawler_protocol::RobotState;
 use crawler_sim::run::{Duration, Instant, Simulation, SimulationError};
-use crawler_sim::scenario::{Scatter, Scenario, SpawnPose};
+use crawler_sim::scenario::{KnownBody, Scatter, Scenario, Selector, SpawnPose};
 use crawler_sim::world::{Arena, Chassis, Pose};
 use rand_pcg::Pcg32;
 
@@ -29,7 +29,7 @@ pub(crate) type Places = Vec<Pose>;
 /// What became of a world.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Branch {
-    /// At each point, of each robot: where it thinks that it is, as telemetry has it.
+    /// At each point, of each robot: where it is.
     pub(crate) places: Vec<Places>,
     /// Likewise what it was doing.
     pub(crate) states: Vec<Vec<RobotState>>,
@@ -163,14 +163,10 @@ impl<'a> Setting<'a> {
         for point in 0..self.question.points() as u64 {
             let at = moment + Duration::from_millis(point * u64::from(STEP_MS));
             orders.follow(world, at, ended)?;
-            let told = robots.clone().map(|robot| match world.robot(robot) {
-                // What was carried there does not know it yet.
-                Some(own) if point > 0 => {
-                    let own = own.snapshot();
-                    (Pose::new(own.pose.x, own.pose.y, own.pose.theta), own.state)
-                }
-                Some(own) => (self.there[robot], own.snapshot().state),
-                None => (self.there[robot], RobotState::Error),
+            let told = robots.clone().map(|robot| {
+                let place = world.pose(robot).unwrap_or(self.there[robot]);
+                let own = world.robot(robot).map(|own| own.snapshot().state);
+                (place, own.unwrap_or(RobotState::Error))
             });
             let (now, doing): (Places, Vec<RobotState>) = told.unzip();
             if let Some(last) = places.last() {
@@ -200,12 +196,14 @@ impl<'a> Setting<'a> {
         let mut rng = Pcg32::new(u64::from(draw), 0x7768_6174_6966);
         let robots = self.past.robots.iter().enumerate();
         scenario.bodies = robots
-            .filter_map(|(robot, past)| {
+            .map(|(robot, past)| {
                 let certificate = past.certificate.as_deref();
-                match draw {
-                    0 => Some(bodies::middle(robot, certificate)),
-                    _ => bodies::drawn(robot, certificate, &mut rng),
-                }
+                let body = match draw {
+                    0 => bodies::middle(certificate, past.charge),
+                    _ => bodies::drawn(certificate, past.charge, &mut rng),
+                };
+                let robots = Selector::List(vec![robot as u32]);
+                KnownBody { robots, ..body }
             })
             .collect();
         scenario
@@ -239,7 +237,8 @@ impl Orders {
                 })
             })
             .collect();
-        due.sort_by(|one, other| other.0.cmp(&one.0));
+        due.sort_by_key(|(at, ..)| *at);
+        due.reverse();
         Self { due }
     }
 

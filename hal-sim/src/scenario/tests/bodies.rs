@@ -51,6 +51,7 @@ fn bodies_that_no_robot_has_are_named() {
             "gyration_m = 0.2",
             "bodies[0].gyration_m must be between 0.01 and 0.1",
         ),
+        ("charge = 1.5", "bodies[0].charge must be between 0 and 1"),
         (
             "internal_ohm = inf",
             "bodies[0].internal_ohm must be between 0 and 2",

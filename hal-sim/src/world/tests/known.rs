@@ -28,6 +28,11 @@ fn a_known_body_moves_as_it_is_known() {
     let way = |pose: Pose| pose.x + 3.0;
     let share = way(strong[0]) / way(strong[1]);
     assert!((1.09..1.13).contains(&share), "{share}");
+    let empty = drive_both(&Body {
+        charge: Some(0.1),
+        ..Body::default()
+    });
+    assert!(way(empty[0]) < way(empty[1]) * 0.97, "{empty:?}");
     let heavy = drive_both(&Body {
         mass_kg: Some(2.0),
         ..Body::default()

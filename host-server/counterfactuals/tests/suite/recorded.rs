@@ -104,7 +104,10 @@ impl Recorded {
                     theta: own.pose.theta,
                     range_mm: None,
                     battery_mv: 7_400,
-                    battery_percent: 50,
+                    battery_percent: match own.battery.percent {
+                        Some(percent) => percent.get(),
+                        None => 0,
+                    },
                     rssi: None,
                     left: own.wheels[0],
                     right: own.wheels[1],

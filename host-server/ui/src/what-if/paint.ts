@@ -42,9 +42,9 @@ export function paintOverlay(
     context.fillStyle = context.strokeStyle = ink.accent
     context.beginPath()
     context.arc(x, y, disc.radius * camera.scale, 0, TURN)
-    context.globalAlpha = disc.chosen ? 0.22 : 0.12
+    context.globalAlpha = disc.chosen ? 0.18 : 0.03
     context.fill()
-    context.globalAlpha = disc.chosen ? 0.9 : 0.4
+    context.globalAlpha = disc.chosen ? 0.9 : 0.3
     context.lineWidth = disc.chosen ? 1.5 : 1
     context.stroke()
   }
