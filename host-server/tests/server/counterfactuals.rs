@@ -48,6 +48,15 @@ async fn a_simulated_fleet_goes_on_from_a_recorded_moment() {
     let fixture = Fixture::up("arena", |layer| layer.robots = Some(3)).await;
     for robot in ["sim-0001", "sim-0002", "sim-0003"] {
         fixture.wait_told(robot).await;
+        let path = format!("/api/v1/robots/{robot}");
+        eventually("it wanders", async || {
+            let told = fixture.get(&path).await.json();
+            let state = &told["state"];
+            ["MOVING", "CAUTION", "AVOIDING"]
+                .iter()
+                .any(|moving| state == moving)
+        })
+        .await;
     }
     let newest = recorded(&fixture, 7_000).await;
     let body = json!({
@@ -73,6 +82,7 @@ async fn a_simulated_fleet_goes_on_from_a_recorded_moment() {
     let robots = answer["robots"].as_array().expect("robots");
     let names: Vec<&Value> = robots.iter().map(|robot| &robot["robot"]).collect();
     assert_eq!(names, ["sim-0001", "sim-0002", "sim-0003"]);
+    let mut wandering = 0;
     for robot in robots {
         assert_eq!(robot["kind"], "simulated");
         for (path, columns) in [
@@ -85,13 +95,13 @@ async fn a_simulated_fleet_goes_on_from_a_recorded_moment() {
                 assert_eq!(length, Some(9), "{path} {column}: {robot}");
             }
         }
-        // Nobody but the scenario has told them to wander.
-        assert_eq!(
-            (&robot["command"], &robot["supposed"]),
-            (&json!("wander"), &json!(true))
-        );
+        // Nobody but the scenario has told them to wander; whoever stood at that moment may not have.
+        let wanders = robot["command"] == "wander";
+        assert_eq!(robot["supposed"], wanders, "{robot}");
+        wandering += usize::from(wanders);
         assert_eq!(robot["was"]["x"][0], robot["would"]["x"][0]);
     }
+    assert!(wandering > 0, "{answer}");
     let measures = answer["measures"].as_array().expect("measures");
     let way = measures.iter().find(|measure| measure["name"] == "way_m");
     let way = way.expect("it is measured");

@@ -63,7 +63,8 @@ impl Recorded {
         let folder = Scratch::new();
         let records = Records::open(&folder.0).await.expect("records");
         let history = records.history().clone();
-        let began = now_ms() - 600_000;
+        // Points of the history are at multiples of their step: so they are the same whenever this runs.
+        let began = now_ms() / 60_000 * 60_000 - 600_000;
         let scenario = Scenario::parse(scenario).expect("a scenario");
         let mut world = Simulation::lockstep(scenario, seed).expect("a world");
         let arena = serde_json::to_string(&world.world().arena()).expect("an arena");
