@@ -17,6 +17,8 @@ const ANYBODY: &[&str] = &[
 /// Calls of operators. Every other call that changes something is the administrator's, or about
 /// one's own session.
 const OPERATORS: &[&str] = &[
+    "post /api/v1/counterfactuals",
+    "delete /api/v1/counterfactuals/{id}",
     "post /api/v1/fences",
     "put /api/v1/fences/{id}",
     "delete /api/v1/fences/{id}",
