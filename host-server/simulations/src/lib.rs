@@ -26,8 +26,9 @@ pub use listener::{MAX_PACKET, listen, response_topic};
 pub use view::{BookmarkView, ItemView, SimulatorAnswer, SimulatorView, control_code};
 
 /// For robots to come to rest. From full speed the ramp takes well under a second of theirs, which is several of real
-/// time where the machine has no time for the world.
-const PATIENCE: Duration = Duration::from_secs(10);
+/// time where the machine has no time for the world. With what else has to end it stays below the half minute after which
+/// a service is killed.
+const PATIENCE: Duration = Duration::from_secs(20);
 
 /// Least time between two arenas that are told.
 const ARENA_PAUSE: Duration = Duration::from_millis(100);
