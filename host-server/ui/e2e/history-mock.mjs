@@ -78,7 +78,7 @@ export async function byMock({ browser, page, mock, newPage, shown, reads }) {
     await shown(page)
   })
   await check('it plays sixty times as fast, without a break', async () => {
-    await id(page, 'history-speed').selectOption('60')
+    await id(page, 'play-speed').selectOption('60')
     await until('the speed is not in the address', () => page.url().includes('speed=60'))
     const before = await at(page)
     await id(page, 'play').click()
@@ -86,7 +86,7 @@ export async function byMock({ browser, page, mock, newPage, shown, reads }) {
     // A step pauses also where it has come to the end by now, and the button would begin anew.
     await id(page, 'step-back').click()
     expect((await data(id(page, 'play'), 'playing')) === 'false', 'it plays on')
-    await id(page, 'history-speed').selectOption('1')
+    await id(page, 'play-speed').selectOption('1')
   })
   await check('the arena is the one of that time', async () => {
     const count = async (time) => {

@@ -151,12 +151,12 @@ async function round(page) {
     await until('a large step goes nowhere', async () => (await time(page)) > 1_000)
     await page.keyboard.press('Home')
     const before = await place(page, 'was')
-    await id(page, 'world-play').click()
+    await id(page, 'play').click()
     await until('time does not pass', async () => (await time(page)) > 800)
     await until('nothing moves', async () => apart(before, await place(page, 'was')) > 0.02)
     await until('it plays on', async () => {
-      if ((await data(id(page, 'world-play'), 'playing')) === 'false') return true
-      await id(page, 'world-play').click()
+      if ((await data(id(page, 'play'), 'playing')) === 'false') return true
+      await id(page, 'play').click()
       return false
     })
   })
