@@ -15,7 +15,7 @@ use crawler_counterfactuals::{
 };
 use crawler_fleet::SharedFleet;
 use crawler_fleet::feed::drawn_kind;
-use crawler_protocol::{Action, RobotId, RobotState};
+use crawler_protocol::{RobotId, RobotState};
 use crawler_simulations::arena_json;
 use crawler_system::clock;
 use serde::{Deserialize, Serialize};
@@ -26,6 +26,7 @@ use super::access::Caller;
 use super::audit::Audit;
 use super::commands::{Asked, CommandRequest};
 use super::guard::JsonBody;
+use super::history::{rounded, state_place};
 use super::problem::{Code, FieldError, Problem};
 use super::telemetry;
 
@@ -84,7 +85,7 @@ impl QuestionBody {
         }
         let asked = Asked::read(json!(self.command).to_string().as_bytes());
         let action = match asked.into_action() {
-            Ok(action) if acts(&action) => Some(action),
+            Ok(action) if counterfactuals::moves(&action) => Some(action),
             Ok(_) => {
                 let rule = "must be one that moves robots, or stops them";
                 wrong.push(FieldError::at("/command/command", rule));
@@ -112,11 +113,6 @@ impl QuestionBody {
             _ => Err(Problem::invalid(Code::InvalidCounterfactual, wrong)),
         }
     }
-}
-
-/// Whether a command makes a difference to where robots are.
-fn acts(action: &Action) -> bool {
-    action.is_motion() || matches!(action, Action::Stop | Action::Estop | Action::Reset)
 }
 
 /// How far the answer is.
@@ -355,7 +351,7 @@ impl RobotView {
         let known = |value: fn(&crawler_sim::world::Pose) -> f32| {
             let points = robot.recorded.iter();
             points
-                .map(|place| place.as_ref().map(|place| rounded(value(place))))
+                .map(|place| place.as_ref().map(|place| millimetres(value(place))))
                 .collect()
         };
         Self {
@@ -383,23 +379,22 @@ impl PathView {
     fn new(path: &answer::Path) -> Self {
         let places = |value: fn(&crawler_sim::world::Pose) -> f32| {
             let places = path.places.iter();
-            places.map(|place| rounded(value(place))).collect()
+            places.map(|place| millimetres(value(place))).collect()
         };
-        let state = |state: &RobotState| RobotState::ALL.iter().position(|known| known == state);
         let states = path.states.iter();
         Self {
             x: places(|place| place.x),
             y: places(|place| place.y),
             theta: places(|place| place.theta),
-            state: states.map(|own| state(own).unwrap_or_default()).collect(),
-            within: path.within.iter().copied().map(rounded).collect(),
+            state: states.copied().map(state_place).collect(),
+            within: path.within.iter().copied().map(millimetres).collect(),
         }
     }
 }
 
 /// To a thousandth.
-fn rounded(value: f32) -> f64 {
-    (f64::from(value) * 1_000.0).round() / 1_000.0
+fn millimetres(value: f32) -> f64 {
+    rounded(value, 1_000.0)
 }
 
 fn unknown() -> Problem {
@@ -506,13 +501,16 @@ pub(super) async fn one(
     Path(id): Path<String>,
 ) -> Result<Json<CounterfactualView>, Problem> {
     let found = counterfactuals.get(number(&id)?).ok_or_else(unknown)?;
-    let kinds: Kinds = {
-        let fleet = fleet.lock();
-        let known = fleet.robots().filter_map(|robot| {
-            let kind = drawn_kind(robot.status.as_ref()?.kind).name();
-            Some((robot.id.clone(), kind))
-        });
-        known.collect()
+    let kinds: Kinds = match &found.state {
+        counterfactuals::State::Done(answer) => {
+            let fleet = fleet.lock();
+            let known = answer.robots.iter().filter_map(|told| {
+                let status = fleet.get(&told.robot)?.status.as_ref()?;
+                Some((told.robot.clone(), drawn_kind(status.kind).name()))
+            });
+            known.collect()
+        }
+        _ => Kinds::new(),
     };
     Ok(Json(CounterfactualView::new(found, Some(&kinds))))
 }

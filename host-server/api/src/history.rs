@@ -138,11 +138,12 @@ pub(super) struct FramesView {
 }
 
 /// To so many parts of one.
-fn rounded(value: f32, parts: f64) -> f64 {
+pub(super) fn rounded(value: f32, parts: f64) -> f64 {
     (f64::from(value) * parts).round() / parts
 }
 
-fn state_place(state: RobotState) -> usize {
+/// The place of a state among all, as tracks have it.
+pub(super) fn state_place(state: RobotState) -> usize {
     let place = RobotState::ALL.iter().position(|known| *known == state);
     place.unwrap_or_default()
 }

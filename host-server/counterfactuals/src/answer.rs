@@ -109,24 +109,23 @@ pub(crate) fn answer(past: &Past, question: &Question, draws: &[Draw]) -> Answer
 
 fn measures(draws: &[Draw]) -> Vec<Measure> {
     type Value = fn(&Branch) -> Option<f64>;
-    let mean = |sum: f64, robots: usize| (robots > 0).then(|| sum / robots as f64);
-    let contacts: Value = |branch| Some(f64::from(branch.contacts.iter().sum::<u32>()));
-    let ways: Value = |branch| Some(branch.ways.iter().copied().map(f64::from).sum());
+    let contacts: Value = |branch| {
+        let all: Vec<f64> = branch.contacts.iter().copied().map(f64::from).collect();
+        Some(of_mean(&all)?.mean)
+    };
+    let ways: Value = |branch| {
+        let all: Vec<f64> = branch.ways.iter().copied().map(f64::from).collect();
+        Some(of_mean(&all)?.mean)
+    };
     let nearest: Value = |branch| branch.nearest.map(f64::from);
-    let robots = draws.first().map_or(0, |draw| draw[0].contacts.len());
     let all = [
-        ("contacts", "", contacts, true),
-        ("way_m", "m", ways, true),
-        ("nearest_m", "m", nearest, false),
+        ("contacts", "", contacts),
+        ("way_m", "m", ways),
+        ("nearest_m", "m", nearest),
     ];
-    let measure = |(name, unit, value, each): (&'static str, &'static str, Value, bool)| {
-        let pairs = draws.iter().filter_map(|[was, would]| {
-            let of = |branch| match (value(branch)?, each) {
-                (sum, true) => mean(sum, robots),
-                (own, false) => Some(own),
-            };
-            Some([of(was)?, of(would)?])
-        });
+    let measure = |(name, unit, value): (&'static str, &'static str, Value)| {
+        let pairs = draws.iter();
+        let pairs = pairs.filter_map(|[was, would]| Some([value(was)?, value(would)?]));
         let pairs: Vec<[f64; 2]> = pairs.collect();
         let of =
             |value: fn(&[f64; 2]) -> f64| of_mean(&pairs.iter().map(value).collect::<Vec<_>>());

@@ -168,7 +168,11 @@ impl Counterfactuals {
             if let Err(error) = give_way() {
                 tracing::warn!(%error, "what if does not give way to other threads");
             }
-            turn.0.work(id, &question, &past, &ended);
+            let this = Arc::clone(&turn.0);
+            let state = this.work(id, &question, &past, &ended);
+            // Whoever sees the answer may ask again at once.
+            drop(turn);
+            this.tell(id, |told| told.state = state);
         };
         let thread = std::thread::Builder::new().name("what if".to_owned());
         if let Err(error) = thread.spawn(work) {
@@ -213,12 +217,6 @@ impl Counterfactuals {
         }
     }
 
-    /// Whether one is being worked out.
-    #[must_use]
-    pub fn is_busy(&self) -> bool {
-        self.busy.load(Ordering::Acquire)
-    }
-
     fn kept(&self) -> MutexGuard<'_, VecDeque<Kept>> {
         // What was done to it is done.
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
@@ -232,7 +230,8 @@ impl Counterfactuals {
         }
     }
 
-    fn work(&self, id: u64, question: &Question, past: &Past, ended: &AtomicBool) {
+    /// What a question comes to.
+    fn work(&self, id: u64, question: &Question, past: &Past, ended: &AtomicBool) -> State {
         let work = || -> Result<Answer, NoWorld> {
             let setting = Setting::new(past, question);
             let is_ended = || ended.load(Ordering::Acquire);
@@ -247,11 +246,10 @@ impl Counterfactuals {
         };
         // A mistake in the simulator ends this question, and no other one.
         let worked = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));
-        let state = match worked {
+        match worked {
             Ok(Ok(answer)) => State::Done(Arc::new(answer)),
             Ok(Err(why)) => State::Failed(why.to_string()),
             Err(_) => State::Failed("the simulation broke off; the log says why".to_owned()),
-        };
-        self.tell(id, |told| told.state = state);
+        }
     }
 }

@@ -21,4 +21,4 @@ mod world;
 
 pub use keeper::{Counterfactual, Counterfactuals, NotAsked, Parts, State};
 pub use past::{Certificates, Unreadable};
-pub use question::{MOST_DRAWS, MOST_ROBOTS, MOST_SECONDS, Question, STEP_MS, TooMuch};
+pub use question::{MOST_DRAWS, MOST_ROBOTS, MOST_SECONDS, Question, STEP_MS, TooMuch, moves};

@@ -9,9 +9,10 @@ use crawler_history::{Frame, HistoryError, HistoryStore, Track};
 use crawler_protocol::{Action, BehaviourName, RobotId, RobotState};
 use crawler_records::{Entry, MAX_AUDIT_PAGE, Records};
 use crawler_sim::world::{Arena, Pose};
+use crawler_twin::body::wrap;
 use crawler_twin::certificate::Certificate;
 
-use crate::question::{Question, STEP_MS, TooMuch};
+use crate::question::{Question, STEP_MS, TooMuch, moves};
 
 /// The certificate of a robot, where there is one that may be used.
 pub type Certificates = dyn Fn(&RobotId) -> Option<Arc<Certificate>> + Send + Sync;
@@ -207,7 +208,7 @@ fn robot(
     let path = points.map(|point| between(&track.frames, at + point * i64::from(STEP_MS)));
     let mut told = orders.get(&track.robot).cloned().unwrap_or_default();
     let begun = told.first().is_some_and(|order| order.at_ms <= -LEAD_MS);
-    let moved = nearest(&track.frames, at - LEAD_MS).is_some_and(|frame| moves(frame.state));
+    let moved = nearest(&track.frames, at - LEAD_MS).is_some_and(|frame| is_moving(frame.state));
     let supposed = !begun && moved;
     if supposed {
         let action = wander()?;
@@ -227,7 +228,7 @@ fn robot(
 }
 
 /// Whether a robot in this state is on its way.
-const fn moves(state: RobotState) -> bool {
+const fn is_moving(state: RobotState) -> bool {
     matches!(
         state,
         RobotState::Moving | RobotState::Caution | RobotState::Avoiding
@@ -254,18 +255,12 @@ fn between(frames: &[Frame], at: i64) -> Option<Pose> {
     };
     let share = (at - before.at) as f32 / (after.at - before.at) as f32;
     let blend = |one: f32, other: f32| one + (other - one) * share;
-    let turn = wrap(after.theta - before.theta);
+    let turn = wrap(f64::from(after.theta - before.theta)) as f32;
     Some(Pose::new(
         blend(before.x, after.x),
         blend(before.y, after.y),
-        wrap(before.theta + turn * share),
+        wrap(f64::from(before.theta + turn * share)) as f32,
     ))
-}
-
-/// An angle within half a turn of zero.
-fn wrap(angle: f32) -> f32 {
-    let turn = std::f32::consts::TAU;
-    angle - (angle / turn).round() * turn
 }
 
 /// What robots were told, by the audit log: the last thing before worlds begin, and all that came until the end.
@@ -345,10 +340,8 @@ fn begun(orders: &[Order]) -> bool {
     orders.last().is_some_and(|order| order.at_ms <= -LEAD_MS)
 }
 
-/// A command that moves a robot, or keeps it from that.
+/// A command that makes a difference to where a robot is.
 fn action(request: &serde_json::Value) -> Option<Action> {
     let action = Action::parse(request.to_string().as_bytes()).ok()?;
-    let counts =
-        action.is_motion() || matches!(action, Action::Stop | Action::Estop | Action::Reset);
-    counts.then_some(action)
+    moves(&action).then_some(action)
 }

@@ -30,6 +30,12 @@ pub struct Question {
     pub action: Action,
 }
 
+/// Whether a command makes a difference to where robots are.
+#[must_use]
+pub fn moves(action: &Action) -> bool {
+    action.is_motion() || matches!(action, Action::Stop | Action::Estop | Action::Reset)
+}
+
 /// The question takes longer than anybody waits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TooMuch {

@@ -157,13 +157,11 @@ impl Recorded {
 
     /// Waits until somebody has worked it out.
     pub(crate) async fn wait(&self, asked: &Counterfactual) -> Counterfactual {
-        loop {
+        eventually("it is worked out", || {
             let found = self.counterfactuals.get(asked.id).expect("it is kept");
-            if found.state != State::Running {
-                return found;
-            }
-            tokio::time::sleep(std::time::Duration::from_millis(20)).await;
-        }
+            std::future::ready((found.state != State::Running).then_some(found))
+        })
+        .await
     }
 
     /// The answer to a question.
@@ -177,6 +175,27 @@ impl Recorded {
             other => panic!("{other:?}"),
         }
     }
+}
+
+/// Looks again and again until there is something.
+///
+/// # Panics
+/// When there is nothing for a minute and a half.
+pub(crate) async fn eventually<T, F: Future<Output = Option<T>>>(
+    what: &str,
+    mut look: impl FnMut() -> F,
+) -> T {
+    let looking = async {
+        loop {
+            if let Some(found) = look().await {
+                return found;
+            }
+            tokio::time::sleep(std::time::Duration::from_millis(20)).await;
+        }
+    };
+    let limit = std::time::Duration::from_secs(90);
+    let found = tokio::time::timeout(limit, looking).await;
+    found.unwrap_or_else(|_| panic!("not within {limit:?}: {what}"))
 }
 
 /// A robot.
