@@ -21,7 +21,7 @@ export function createCounterfactuals({ record, clock }) {
 
   function check({ at, seconds, draws, robots = null, command }) {
     const whole = (value, low, high) => Number.isInteger(value) && value >= low && value <= high
-    const bad = (why) => new Refusal(400, 'bad_value', why)
+    const bad = (why) => new Refusal(422, 'invalid_counterfactual', why)
     if (!whole(at, 0, Number.MAX_SAFE_INTEGER)) throw bad('`at` is no time')
     if (!whole(seconds, 1, 60)) throw bad('`seconds` must be from 1 to 60')
     if (!whole(draws, 2, 200)) throw bad('`draws` must be from 2 to 200')
@@ -29,7 +29,7 @@ export function createCounterfactuals({ record, clock }) {
     const known = framesAt(record, at, seconds).map(({ robot }) => robot)
     if (known.length === 0) throw new Refusal(404, 'not_recorded', 'nothing was recorded then')
     for (const robot of robots ?? []) {
-      if (!known.includes(robot)) throw bad(`robot \`${robot}\` was not recorded then`)
+      if (!known.includes(robot)) throw new Refusal(404, 'not_recorded', `nothing of ${robot}`)
     }
     return { at, seconds, draws, robots, command }
   }
@@ -57,7 +57,7 @@ export function createCounterfactuals({ record, clock }) {
     if (method === 'POST') {
       const wanted = check(body)
       if (all.some(({ state }) => state === 'running')) {
-        throw new Refusal(409, 'busy', 'another one is being worked out')
+        throw new Refusal(503, 'busy', 'another one is being worked out')
       }
       made += 1
       const so = { id: `c${made}`, asked: clock(), by, state: 'running', detail: null, done: 0 }
