@@ -37,6 +37,7 @@ pub use arena::{
     ARENA_SIDE_M, Arena, ArenaError, Colour, MAX_MOVERS, MAX_OBSTACLES, MAX_PATCHES, Mover, Object,
     ObjectShape, Obstacle, Patch,
 };
+pub use battery::charge_at_rest;
 pub use body::Body;
 pub use dropped::{DropError, Dropped, DroppedItem, MAX_DROPPED};
 pub use error::{PlacementError, WorldError};

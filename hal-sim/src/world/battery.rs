@@ -23,6 +23,23 @@ pub(crate) fn open_circuit_v(charge: f32) -> f32 {
     2.0 * (CELL_V[below] + (CELL_V[below + 1] - CELL_V[below]) * share)
 }
 
+/// Charge, 0 to 1, of a pack that has this voltage at rest; empty below that of an empty one.
+#[must_use]
+pub fn charge_at_rest(volts: f32) -> f32 {
+    let cell = volts * 0.5;
+    let above = CELL_V.partition_point(|at| *at <= cell);
+    let Some(below) = above.checked_sub(1) else {
+        return 0.0;
+    };
+    match CELL_V.get(above) {
+        Some(next) => {
+            (below as f32 + (cell - CELL_V[below]) / (next - CELL_V[below]))
+                / (CELL_V.len() - 1) as f32
+        }
+        None => 1.0,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -38,5 +55,17 @@ mod tests {
         assert!((last - FULL_V).abs() < 1e-4);
         assert!((open_circuit_v(0.5) - 7.4).abs() < 1e-4);
         assert!(open_circuit_v(0.0) == 0.0, "the protection circuit opens");
+    }
+
+    #[test]
+    fn the_voltage_at_rest_tells_the_charge() {
+        for step in 1..=1_000_u16 {
+            let charge = f32::from(step) / 1_000.0;
+            let told = charge_at_rest(open_circuit_v(charge));
+            assert!((told - charge).abs() < 1e-4, "{told} for {charge}");
+        }
+        for (volts, charge) in [(0.0, 0.0), (5.9, 0.0), (9.0, 1.0), (f32::NAN, 0.0)] {
+            assert_eq!(charge_at_rest(volts), charge);
+        }
     }
 }
