@@ -7,25 +7,30 @@ use crawler_twin::certificate::Certificate;
 /// The sections of a scenario that give all its robots this body: what both motors have in common as parameters, and what they
 /// make of that left and right.
 pub(super) fn scenario(certificate: &Certificate) -> String {
-    let own = &certificate.parameters;
+    let (robot, id) = (&certificate.about.robot, certificate.id());
+    let sections = sections(&certificate.parameters);
+    format!("# The body of {robot} by its certificate {id}.\n{sections}")
+}
+
+fn sections(own: &Parameters) -> String {
     let world = body(own);
     let (chassis, pack) = (&world.chassis, &world.pack);
-    let shares = |pair: [f64; 2], of: f32, least: f64| {
+    let shares = |pair: [f64; 2], of: f32| {
         let of = f64::from(of).max(1e-6);
-        [0, 1].map(|k| (pair[k] / of).clamp(least, 2.0))
+        pair.map(|value| value / of)
     };
-    let motors = shares(own.speed_per_volt, chassis.speed_per_volt, 0.2);
-    let friction = shares(own.friction_v, chassis.running_v, 0.0);
+    let motors = shares(own.speed_per_volt, chassis.speed_per_volt);
+    // Of a motor's force, not of its volts: a weaker motor has more of them.
+    let friction = shares(own.friction_v, chassis.running_v);
+    let friction = [0, 1].map(|k| (motors[k] * friction[k]).clamp(0.0, 2.0));
+    let motors = motors.map(|share| share.clamp(0.2, 2.0));
     format!(
-        "# The body of {} by its certificate {}.\n\
-         [parameters.chassis]\n\
+        "[parameters.chassis]\n\
          track_m = {:.5}\nspeed_per_volt = {:.5}\nrunning_v = {:.4}\nbreakaway_v = {:.4}\n\
          rotor_kg = {:.4}\ngyration_m = {:.4}\ndrag_share = {:.3}\n\n\
          [parameters.pack]\ninternal_ohm = {:.3}\n\n\
          [parameters.spread]\nmotor = 0.0\ntrack = 0.0\nfriction = 0.0\nmass = 0.0\ncells = 0.0\n\n\
          [[bodies]]\nmotors = [{:.5}, {:.5}]\nfriction = [{:.4}, {:.4}]\n",
-        certificate.about.robot,
-        certificate.id(),
         chassis.track_m,
         chassis.speed_per_volt,
         chassis.running_v,
@@ -67,7 +72,49 @@ pub(super) fn body(twin: &Parameters) -> World {
 
 #[cfg(test)]
 mod tests {
+    use crawler_sim::run::Duration;
+    use crawler_sim::run::bare::{BareWorld, Drive, Steering};
+    use crawler_sim::scenario::Scenario;
+    use crawler_sim::world::{RobotIndex, charge_at_rest};
+    use crawler_twin::body::Wheels;
+
     use super::*;
+
+    #[test]
+    fn robots_of_an_exported_body_go_as_its_twin() {
+        let own = Parameters {
+            speed_per_volt: [0.15, 0.13],
+            friction_v: [1.1, 0.5],
+            lag_turn_s: 0.11,
+            track_m: 0.13,
+            ..Parameters::NOMINAL
+        };
+        let (volts, duty) = (7.6, [0.6, 0.7]);
+        let mut scenario = Scenario::parse(&format!(
+            "name = \"exported\"\nrobots = 1\narena = {{ width = 20.0, height = 20.0, scatter = {{ per_square_metre = 0.0 }} }}\n{}",
+            sections(&own)
+        ))
+        .expect("a scenario");
+        scenario.bodies[0].charge = Some(charge_at_rest(volts));
+        let mut world = BareWorld::of_scenario(&scenario, 1, Steering::Caller).expect("a world");
+        let drive = Drive::Duties(duty.map(|duty| duty as f32));
+        world.step_with(Duration::from_millis(2_000), |_, _| Some(drive));
+        let (_, [ahead, turning]) = world.motion(RobotIndex::new(0)).expect("a robot");
+        let mut wheels = Wheels::default();
+        for _ in 0..200 {
+            wheels.step(&own, duty, f64::from(volts));
+        }
+        let [left, right] = wheels.rims;
+        let (way, turn) = ((left + right) * 0.5, (right - left) / own.track_m);
+        assert!(
+            (f64::from(ahead) - way).abs() < 0.01 * way,
+            "{ahead} for {way}"
+        );
+        assert!(
+            (f64::from(turning) - turn).abs() < 0.03 * turn.abs() + 0.03,
+            "{turning} for {turn}"
+        );
+    }
 
     #[test]
     fn the_nominal_body_is_that_of_the_simulator_both_ways() {
