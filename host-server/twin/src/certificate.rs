@@ -5,8 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::body::Parameters;
 use crate::drive::Drive;
 use crate::evidence::{Counts, Evidence};
-use crate::identify::{COUNT, Identified, NAMES, Unidentified, at, identify};
-use crate::linear::cholesky;
+use crate::identify::{COUNT, Identified, NAMES, Unidentified, identify};
 use crate::predict::{Score, errors, score};
 
 /// Version of the file.
@@ -363,25 +362,6 @@ fn values(found: &Identified) -> Vec<Value> {
 }
 
 impl Certificate {
-    /// A body that the evidence allows as well: the certified one, moved along its covariance by these draws from the standard
-    /// normal distribution. The certified one itself where such a body could not be, or the covariance is none.
-    #[must_use]
-    pub fn draw(&self, normals: &[f64; COUNT]) -> Parameters {
-        let mut covariance = [[0.0; COUNT]; COUNT];
-        for (row, known) in covariance.iter_mut().zip(&self.covariance) {
-            for (value, known) in row.iter_mut().zip(known) {
-                *value = *known;
-            }
-        }
-        let drawn = cholesky(&covariance).map(|factor| {
-            let moved = factor.map(|row| row.iter().zip(normals).map(|(a, z)| a * z).sum());
-            at(&self.parameters, &moved)
-        });
-        drawn
-            .filter(Parameters::is_sound)
-            .unwrap_or(self.parameters)
-    }
-
     /// Reads a certificate. Whatever is in the file is checked before it is believed.
     ///
     /// # Errors

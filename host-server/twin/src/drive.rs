@@ -141,7 +141,9 @@ impl OpenVoltage {
         }
     }
 
-    fn at(&self, at_s: f64) -> f64 {
+    /// Volts at a moment.
+    #[must_use]
+    pub fn at(&self, at_s: f64) -> f64 {
         self.volts + self.per_s * (at_s - self.at_s)
     }
 

@@ -1,5 +1,6 @@
 //! Certificates: what they are worth, and when there is none.
 
+use crawler_twin::belief::Belief;
 use crawler_twin::body::Parameters;
 use crawler_twin::certificate::{About, Certificate, Refused, certify};
 use crawler_twin::drive::Drive;
@@ -107,10 +108,10 @@ fn bodies_that_a_certificate_allows_are_spread_as_it_says() {
     let hidden = Hidden::draw(1_000, 0.0);
     let evidence = calibration(&hidden, RATES).evidence();
     let mut made = certify(&evidence, About::default(), None).expect("a certificate");
-    assert_eq!(made.draw(&[0.0; COUNT]), made.parameters);
+    assert_eq!(Belief::from(&made).draw(&[0.0; COUNT]), made.parameters);
     let mut random = Random::new(5);
     let drawn: Vec<Parameters> = (0..2_000)
-        .map(|_| made.draw(&std::array::from_fn(|_| random.normal())))
+        .map(|_| Belief::from(&made).draw(&std::array::from_fn(|_| random.normal())))
         .collect();
     assert!(drawn.iter().all(Parameters::is_sound));
     let of = |name: &str| {
@@ -138,9 +139,9 @@ fn bodies_that_a_certificate_allows_are_spread_as_it_says() {
     assert!(apart < 1.2 * of(NAMES[0]), "{apart}");
     // A covariance that is none says nothing.
     made.covariance[3][3] = -1.0;
-    assert_eq!(made.draw(&[1.0; COUNT]), made.parameters);
+    assert_eq!(Belief::from(&made).draw(&[1.0; COUNT]), made.parameters);
     made.covariance.clear();
-    assert_eq!(made.draw(&[1.0; COUNT]), made.parameters);
+    assert_eq!(Belief::from(&made).draw(&[1.0; COUNT]), made.parameters);
 }
 
 #[test]
