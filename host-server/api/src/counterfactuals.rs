@@ -10,8 +10,8 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use crawler_counterfactuals::answer::{self, Answer, RobotAnswer};
 use crawler_counterfactuals::{
-    self as counterfactuals, Counterfactual, Counterfactuals, MOST_DRAWS, MOST_SECONDS, NotAsked,
-    Question, STEP_MS, Unreadable,
+    self as counterfactuals, Counterfactual, Counterfactuals, Known, MOST_DRAWS, MOST_SECONDS,
+    NotAsked, Question, STEP_MS, Unreadable,
 };
 use crawler_fleet::SharedFleet;
 use crawler_fleet::feed::drawn_kind;
@@ -244,6 +244,16 @@ struct PathView {
     within: Vec<f64>,
 }
 
+/// From what a body is known: a calibration, what the robot did in the 90 seconds before the moment, or its make alone.
+#[derive(Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[schema(as = CounterfactualBody)]
+enum BodyView {
+    Certificate,
+    Record,
+    Make,
+}
+
 /// A robot in both worlds.
 #[derive(Serialize, ToSchema)]
 #[schema(as = CounterfactualRobot)]
@@ -252,7 +262,9 @@ struct RobotView {
     robot: String,
     /// What kind of robot; `null` for one that the server has not heard of since it started.
     kind: Option<&'static str>,
-    /// Id of the certificate whose body it has; `null` for the nominal one, which is spread as robots of one make are.
+    /// From what its body is known.
+    body: BodyView,
+    /// Id of the certificate whose body it has; `null` for another one.
     certificate: Option<String>,
     /// What it was told last before the moment; `null` where nobody knows of anything.
     command: Option<String>,
@@ -357,6 +369,11 @@ impl RobotView {
         Self {
             robot: robot.robot.as_str().to_owned(),
             kind,
+            body: match robot.known {
+                Known::Certificate => BodyView::Certificate,
+                Known::Record => BodyView::Record,
+                Known::Make => BodyView::Make,
+            },
             certificate: robot.certificate.clone(),
             command: robot.doing.clone(),
             supposed: robot.supposed,
@@ -451,8 +468,8 @@ impl IntoResponse for Begun {
 /// What if
 ///
 /// The fleet of a recorded moment is simulated from there on, in lockstep: as it was, with what robots were told, and with another
-/// command. Each robot, simulated or real, has the body of its certificate, or a nominal one; bodies, noise and chance are drawn anew
-/// many times, the same for both worlds. Of a large fleet the robots count that are near those that are asked about. The
+/// command. Each robot, simulated or real, has the body of its certificate, or one that fits what it did before; bodies, noise and
+/// chance are drawn anew many times, the same for both worlds. Of a large fleet the robots count that are near those that are asked about. The
 /// answer is worked out in the background, one at a time.
 #[utoipa::path(post, path = "/counterfactuals", tag = "history", operation_id = "what_if",
     request_body = QuestionBody,

@@ -36,6 +36,10 @@ tracker = { rate_hz = 10.0 }
 poses = [{ x = -2.4, y = -2.1 }, { x = -2.4, y = -0.7 }, { x = 2.4, y = 0.7, theta = 3.1 }, { x = 2.4, y = 2.1, theta = 3.1 }]
 "#;
 
+/// When robots have booted, milliseconds.
+const BOOTED_MS: u64 = 8_000;
+/// When they have gone to and fro in their lanes, milliseconds.
+const DRIVEN_MS: u64 = 54_000;
 /// The calibrated one.
 const ROBOT: &str = "sim-0001";
 /// Noise of its tracker while it was calibrated, metres and radians.
@@ -50,6 +54,8 @@ enum Task {
     Across,
     /// To wander.
     Wander,
+    /// To where they began.
+    Back,
 }
 
 impl Task {
@@ -60,6 +66,7 @@ impl Task {
                 return json!({ "command": "behave", "parameters": { "behaviour": "wander" } });
             }
             Self::Lanes => [[2.4, -2.1], [2.4, -0.7], [-2.4, 0.7], [-2.4, 2.1]],
+            Self::Back => [[-2.4, -2.1], [-2.4, -0.7], [2.4, 0.7], [2.4, 2.1]],
             Self::Across => [[2.4, 2.1], [2.4, 0.7], [-2.4, -0.7], [-2.4, -2.1]],
         };
         let [x, y]: [f64; 2] = ends[robot];
@@ -111,14 +118,15 @@ async fn main() -> Result<(), Box<dyn Error>> {
     );
     let rows = [
         ("in its lane, by its certificate", true),
-        ("the same by the nominal body", true),
-        ("others in their lanes, not calibrated", false),
+        ("the same by what it did before", true),
+        ("the same, it has just begun to move", true),
+        ("others in their lanes, by what they did", false),
         ("across, by its certificate", true),
-        ("others across, not calibrated", false),
+        ("others across, by what they did", false),
         ("wandering, by its certificate", true),
-        ("others wandering, not calibrated", false),
+        ("others wandering, by what they did", false),
     ];
-    let mut tallies: [Tally; 7] = Default::default();
+    let mut tallies: [Tally; 8] = Default::default();
     let mut refused = 0;
     for seed in 1..=realities {
         let Some(certificate) = calibrate(seed)? else {
@@ -129,11 +137,15 @@ async fn main() -> Result<(), Box<dyn Error>> {
         let known: Arc<Certificates> = Arc::new(move |robot: &RobotId| {
             (robot.as_str() == ROBOT).then(|| Arc::clone(&certificate))
         });
-        let lanes = ask(seed, Arc::clone(&known), Task::Lanes).await;
-        let nominal = ask(seed, Arc::new(|_| None), Task::Lanes).await;
-        let across = ask(seed, Arc::clone(&known), Task::Across).await;
-        let wander = ask(seed, known, Task::Wander).await;
-        let answers = [&lanes, &nominal, &lanes, &across, &across, &wander, &wander];
+        let none: Arc<Certificates> = Arc::new(|_| None);
+        let lanes = ask(seed, Arc::clone(&known), Task::Lanes, true).await;
+        let seen = ask(seed, Arc::clone(&none), Task::Lanes, true).await;
+        let fresh = ask(seed, none, Task::Lanes, false).await;
+        let across = ask(seed, Arc::clone(&known), Task::Across, true).await;
+        let wander = ask(seed, known, Task::Wander, true).await;
+        let answers = [
+            &lanes, &seen, &fresh, &lanes, &across, &across, &wander, &wander,
+        ];
         for ((tally, (_, own)), answer) in tallies.iter_mut().zip(rows).zip(answers) {
             tally.add(answer, own);
         }
@@ -145,13 +157,27 @@ async fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Lets a reality pass, and asks what would have become of it without any change.
-async fn ask(seed: u64, certificates: Arc<Certificates>, task: Task) -> Answer {
+/// Lets a reality pass, and asks what would have become of it without any change; before that robots may have driven, in
+/// their lanes, or as they do anyhow.
+async fn ask(seed: u64, certificates: Arc<Certificates>, task: Task, driven: bool) -> Answer {
     let robots = [ROBOT, "sim-0002", "sim-0003", "sim-0004"];
-    let orders = [0, 1, 2, 3].map(|robot| (8_000, robots[robot], task.command(robot)));
-    let past = Recorded::of(HALL, seed, 24, &orders, certificates).await;
+    let all =
+        |at: u64, task: Task| [0, 1, 2, 3].map(|robot| (at, robots[robot], task.command(robot)));
+    let (begin, told) = (BOOTED_MS, if driven { DRIVEN_MS } else { BOOTED_MS });
+    let mut orders = Vec::new();
+    if matches!(task, Task::Wander) {
+        orders.extend(all(begin, task));
+    } else {
+        if driven {
+            orders.extend(all(begin, Task::Lanes));
+            orders.extend(all((begin + told) / 2, Task::Back));
+        }
+        orders.extend(all(told, task));
+    }
+    let past = Recorded::of(HALL, seed, told / 1_000 + 16, &orders, certificates).await;
     // Only the world as it was counts here.
-    let mut question = past.question(11_000, Some(&[ROBOT]), &json!({ "command": "stop" }));
+    let at_ms = told as i64 + 3_000;
+    let mut question = past.question(at_ms, Some(&[ROBOT]), &json!({ "command": "stop" }));
     (question.seconds, question.draws) = (8, 40);
     Arc::unwrap_or_clone(past.answer(question).await)
 }

@@ -4,6 +4,7 @@ use crawler_protocol::{RobotId, RobotState};
 use crawler_sim::evaluate::{Estimate, of_mean};
 use crawler_sim::world::{Arena, Pose};
 
+use crate::bodies::{Body, Known};
 use crate::past::{Past, PastRobot};
 use crate::question::{Question, STEP_MS};
 use crate::world::{Branch, apart};
@@ -63,7 +64,9 @@ pub struct Path {
 pub struct RobotAnswer {
     /// The robot.
     pub robot: RobotId,
-    /// Id of the certificate whose body it has; `None` for the nominal one.
+    /// From what its body is known.
+    pub known: Known,
+    /// Id of the certificate whose body it has; `None` for another one.
     pub certificate: Option<String>,
     /// What it was told last before the moment; `None` where nobody knows of anything.
     pub doing: Option<String>,
@@ -92,10 +95,10 @@ type Draw = [Branch; 2];
 ///
 /// # Panics
 /// When there is no draw.
-pub(crate) fn answer(past: &Past, question: &Question, draws: &[Draw]) -> Answer {
-    let robots = past.robots.iter().enumerate();
+pub(crate) fn answer(past: &Past, bodies: &[Body], question: &Question, draws: &[Draw]) -> Answer {
+    let robots = past.robots.iter().zip(bodies).enumerate();
     let robots: Vec<RobotAnswer> = robots
-        .map(|(robot, past)| robot_answer(robot, past, question, draws))
+        .map(|(robot, of)| robot_answer(robot, of, question, draws))
         .collect();
     let verdicts = || robots.iter().filter_map(|robot| robot.inside);
     Answer {
@@ -142,7 +145,7 @@ fn measures(draws: &[Draw]) -> Vec<Measure> {
 
 fn robot_answer(
     robot: usize,
-    past: &PastRobot,
+    (past, body): (&PastRobot, &Body),
     question: &Question,
     draws: &[Draw],
 ) -> RobotAnswer {
@@ -167,6 +170,7 @@ fn robot_answer(
     let [was, would] = paths;
     RobotAnswer {
         robot: past.robot.clone(),
+        known: body.known,
         certificate: past.certificate.as_ref().map(|known| known.id().to_owned()),
         doing: later.or(first).map(|order| words(&order.action)),
         supposed: past.supposed && later.is_none(),

@@ -10,6 +10,7 @@ use crawler_records::Records;
 use crawler_system::process::give_way;
 
 use crate::answer::{Answer, answer};
+use crate::bodies::Body;
 use crate::past::{self, Certificates, Past, Unreadable};
 use crate::question::Question;
 use crate::world::{NoWorld, Setting};
@@ -233,7 +234,8 @@ impl Counterfactuals {
     /// What a question comes to.
     fn work(&self, id: u64, question: &Question, past: &Past, ended: &AtomicBool) -> State {
         let work = || -> Result<Answer, NoWorld> {
-            let setting = Setting::new(past, question);
+            let bodies: Vec<Body> = past.robots.iter().map(Body::of).collect();
+            let setting = Setting::new(past, &bodies, question);
             let is_ended = || ended.load(Ordering::Acquire);
             let mut draws = Vec::new();
             for draw in 0..question.draws {
@@ -242,7 +244,7 @@ impl Counterfactuals {
                 draws.push([was, would]);
                 self.tell(id, |told| told.done = draw + 1);
             }
-            Ok(answer(past, question, &draws))
+            Ok(answer(past, &bodies, question, &draws))
         };
         // A mistake in the simulator ends this question, and no other one.
         let worked = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));

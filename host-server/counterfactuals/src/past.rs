@@ -5,12 +5,13 @@ use std::fmt;
 use std::sync::Arc;
 
 use crawler_database::RecordsError;
-use crawler_history::{Frame, HistoryError, HistoryStore, Track};
+use crawler_history::{Frame, HistoryError, HistoryStore, Point, Track};
 use crawler_protocol::{Action, BehaviourName, RobotId, RobotState};
 use crawler_records::{Entry, MAX_AUDIT_PAGE, Records};
 use crawler_sim::world::{Arena, Pose};
 use crawler_twin::body::wrap;
 use crawler_twin::certificate::Certificate;
+use crawler_twin::evidence::{Duty, Evidence, Fix, Row, Supply};
 
 use crate::question::{Question, STEP_MS, TooMuch, moves};
 
@@ -27,6 +28,12 @@ const GAP_MS: i64 = 2_000;
 const FINE_MS: i64 = 50;
 /// The same for who was there at all.
 const COARSE_MS: i64 = 1_000;
+/// What a robot did so long before the moment says something of its body and of its pack.
+const BEFORE_MS: i64 = 90_000;
+/// How finely that is read: as often as robots tell, or more.
+const TOLD_MS: i64 = 100;
+/// One standard deviation of where a robot takes itself to be, metres.
+const OWN_SIGMA_M: f64 = 0.02;
 /// Entries of the audit log that are looked through for what robots were told.
 const MOST_ENTRIES: usize = 20_000;
 
@@ -52,8 +59,10 @@ pub(crate) struct PastRobot {
     pub(crate) orders: Vec<Order>,
     /// Whether it moved although nobody is known to have told it to.
     pub(crate) supposed: bool,
-    /// Of its pack at the moment, 0 to 1.
+    /// Of its pack at the moment by its own words, 0 to 1.
     pub(crate) charge: f32,
+    /// What it did before the moment, whose stamps are seconds from there.
+    pub(crate) before: Evidence,
     /// Whose body it has.
     pub(crate) certificate: Option<Arc<Certificate>>,
 }
@@ -139,10 +148,12 @@ pub(crate) async fn read(
     let orders = orders(records, at, end, &chosen).await?;
     let arena = records.arenas().at(at).await?;
     let arena = arena.and_then(|text| serde_json::from_str(&text).ok());
-    let robots = tracks
-        .iter()
-        .filter_map(|track| robot(track, question, &orders, certificates));
-    let robots: Vec<PastRobot> = robots.collect();
+    let mut robots = Vec::new();
+    for track in &tracks {
+        let from = (at - BEFORE_MS).max(0);
+        let points = history.query(&track.robot, from, at, TOLD_MS).await?;
+        robots.extend(robot(track, &points, question, &orders, certificates));
+    }
     let is_there = |robot: &&RobotId| robots.iter().any(|past| past.robot == **robot);
     let missing = question
         .robots
@@ -197,6 +208,7 @@ fn choose(
 
 fn robot(
     track: &Track,
+    points: &[Point],
     question: &Question,
     orders: &BTreeMap<RobotId, Vec<Order>>,
     certificates: &Certificates,
@@ -204,8 +216,8 @@ fn robot(
     let at = question.at_ms;
     let there = between(&track.frames, at)?;
     let charge = nearest(&track.frames, at)?.battery_percent;
-    let points = 0..question.points() as i64;
-    let path = points.map(|point| between(&track.frames, at + point * i64::from(STEP_MS)));
+    let steps = 0..question.points() as i64;
+    let path = steps.map(|point| between(&track.frames, at + point * i64::from(STEP_MS)));
     let mut told = orders.get(&track.robot).cloned().unwrap_or_default();
     let begun = told.first().is_some_and(|order| order.at_ms <= -LEAD_MS);
     let moved = nearest(&track.frames, at - LEAD_MS).is_some_and(|frame| is_moving(frame.state));
@@ -223,8 +235,44 @@ fn robot(
         orders: told,
         supposed,
         charge: (charge * 0.01).clamp(0.0, 1.0),
+        before: before(points, at),
         certificate: certificates(&track.robot),
     })
+}
+
+/// What a robot did, as a twin takes it.
+fn before(points: &[Point], at: i64) -> Evidence {
+    let mut evidence = Evidence::default();
+    // What is refused counts for nothing.
+    let mut take = |row| {
+        let _ = evidence.take(row);
+    };
+    for point in points {
+        let (at_s, arrived_s) = ((point.at - at) as f64 * 1e-3, None);
+        take(Row::Duty(Duty {
+            at_s,
+            arrived_s,
+            duty: [point.left, point.right].map(f64::from),
+        }));
+        take(Row::Fix(Fix {
+            at_s,
+            arrived_s,
+            x: f64::from(point.x),
+            y: f64::from(point.y),
+            theta: f64::from(point.theta),
+            sigma_m: OWN_SIGMA_M,
+        }));
+        let volts = f64::from(point.battery_mv.mean) * 1e-3;
+        // A robot that has not measured it says 0.
+        if volts > 0.0 {
+            take(Row::Supply(Supply {
+                at_s,
+                arrived_s,
+                volts,
+            }));
+        }
+    }
+    evidence
 }
 
 /// Whether a robot in this state is on its way.

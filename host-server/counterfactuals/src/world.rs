@@ -8,7 +8,7 @@ use crawler_sim::scenario::{KnownBody, Scatter, Scenario, Selector, SpawnPose};
 use crawler_sim::world::{Arena, Chassis, Pose};
 use rand_pcg::Pcg32;
 
-use crate::bodies;
+use crate::bodies::Body;
 use crate::past::{LEAD_MS, Order, Past, PastRobot};
 use crate::question::{Question, STEP_MS};
 
@@ -70,13 +70,14 @@ impl From<SimulationError> for NoWorld {
 pub(crate) struct Setting<'a> {
     past: &'a Past,
     question: &'a Question,
+    bodies: &'a [Body],
     scenario: Scenario,
     /// Where robots are at the moment, none within another.
     there: Vec<Pose>,
 }
 
 impl<'a> Setting<'a> {
-    pub(crate) fn new(past: &'a Past, question: &'a Question) -> Self {
+    pub(crate) fn new(past: &'a Past, bodies: &'a [Body], question: &'a Question) -> Self {
         let arena = past.arena.clone().unwrap_or_else(|| open(&past.robots));
         let apart = |pose: fn(&PastRobot) -> Pose| {
             let poses = past.robots.iter().map(pose).collect();
@@ -105,6 +106,7 @@ impl<'a> Setting<'a> {
         Self {
             past,
             question,
+            bodies,
             scenario,
             there,
         }
@@ -194,13 +196,12 @@ impl<'a> Setting<'a> {
     fn drawn(&self, draw: u32) -> Scenario {
         let mut scenario = self.scenario.clone();
         let mut rng = Pcg32::new(u64::from(draw), 0x7768_6174_6966);
-        let robots = self.past.robots.iter().enumerate();
+        let robots = self.bodies.iter().enumerate();
         scenario.bodies = robots
-            .map(|(robot, past)| {
-                let certificate = past.certificate.as_deref();
+            .map(|(robot, body)| {
                 let body = match draw {
-                    0 => bodies::middle(certificate, past.charge),
-                    _ => bodies::drawn(certificate, past.charge, &mut rng),
+                    0 => body.middle(),
+                    _ => body.draw(&mut rng),
                 };
                 let robots = Selector::List(vec![robot as u32]);
                 KnownBody { robots, ..body }

@@ -203,6 +203,8 @@ export const measures = {
   unclear: 'could be chance',
 }
 
+const BODIES = { record: 'by what it did before', make: 'of its make' }
+
 export const table = {
   title: 'Robots',
   lead: 'The furthest apart first. Choosing one selects it in both worlds.',
@@ -215,7 +217,7 @@ export const table = {
   contacts: (was: number, would: number) => `${was.toFixed(1)} → ${would.toFixed(1)}`,
   inside: (value: boolean | null) =>
     value === null ? 'nothing recorded' : value ? 'as simulated' : 'elsewhere',
-  body: (certificate: string | null) =>
-    certificate === null ? 'nominal' : `certificate ${certificate}`,
+  body: (known: 'certificate' | keyof typeof BODIES, certificate: string | null) =>
+    known === 'certificate' ? `certificate ${certificate ?? ''}` : BODIES[known],
   more: (count: number) => `Show all ${number(count)}`,
 }

@@ -5,7 +5,7 @@ mod recorded;
 use std::sync::Arc;
 
 use crawler_counterfactuals::answer::{Answer, Path, RobotAnswer};
-use crawler_counterfactuals::{Certificates, NotAsked, Question, State, Unreadable};
+use crawler_counterfactuals::{Certificates, Known, NotAsked, Question, State, Unreadable};
 use serde_json::{Value, json};
 
 use recorded::{Recorded, eventually, id};
@@ -72,7 +72,8 @@ async fn a_robot_that_is_stopped_stays_and_the_others_go_where_they_went() {
         }
         assert_eq!(robot.recorded.len(), 33);
         assert!(robot.recorded.iter().all(Option::is_some), "{robot:?}");
-        assert_eq!((robot.certificate.as_ref(), robot.supposed), (None, false));
+        let known = (robot.known, robot.certificate.as_ref(), robot.supposed);
+        assert_eq!(known, (Known::Make, None, false), "none has driven so far");
     }
     let stopped = of(&answer, "sim-0001");
     assert!(far(&stopped.would) < 0.25, "{stopped:?}");
@@ -126,6 +127,43 @@ async fn what_moves_and_was_told_nothing_is_supposed_to_wander() {
     assert_eq!(stopped.doing.as_deref(), Some("stop"));
     for robot in &answer.robots {
         assert!(far(&robot.would) < 0.25, "{robot:?}");
+    }
+}
+
+/// Two robots in lanes, whose bodies are as wild as any.
+const LANES: &str = r#"
+name = "lanes"
+robots = 2
+randomisation = "wild"
+link = {}
+bodies = [{ charge = 0.7 }]
+arena = { width = 6.0, height = 4.0, scatter = { per_square_metre = 0.0 } }
+tracker = { rate_hz = 10.0 }
+[spawn]
+poses = [{ x = -2.4, y = -1.0 }, { x = -2.4, y = 1.0 }]
+"#;
+
+#[tokio::test(flavor = "multi_thread")]
+async fn bodies_are_found_in_what_robots_did_before() {
+    let mut orders = Vec::new();
+    for (at, x) in [(8_000, 2.4), (30_000, -2.4), (54_000, 2.4)] {
+        orders.push((at, "sim-0001", goto(x, -1.0)));
+        orders.push((at, "sim-0002", goto(x, 1.0)));
+    }
+    let past = Recorded::of(LANES, 2, 70, &orders, nominal()).await;
+    let question = Question {
+        draws: 20,
+        ..past.question(57_000, Some(&["sim-0001"]), &stop())
+    };
+    let answer = past.answer(question).await;
+    for robot in &answer.robots {
+        assert_eq!((robot.known, robot.inside), (Known::Record, Some(true)));
+        let last = robot.recorded.last().copied().flatten().expect("recorded");
+        let (end, within) = (robot.was.places[32], robot.was.within[32]);
+        let off = (end.x - last.x).hypot(end.y - last.y);
+        // Of some two metres.
+        let told = (far(&robot.was), off, within);
+        assert!(told.0 > 1.0 && off < 0.1 && within < 0.2, "{told:?}");
     }
 }
 

@@ -104,7 +104,7 @@ impl Recorded {
                     y: own.pose.y,
                     theta: own.pose.theta,
                     range_mm: None,
-                    battery_mv: 7_400,
+                    battery_mv: own.battery.voltage.map_or(0, |voltage| voltage.0),
                     battery_percent: match own.battery.percent {
                         Some(percent) => percent.get(),
                         None => 0,

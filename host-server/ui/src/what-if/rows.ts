@@ -32,6 +32,8 @@ export interface RobotRow {
   parted: number | null
   contacts: readonly [number, number]
   inside: boolean | null
+  /** From what its body is known. */
+  body: Robot['body']
   certificate: string | null
   command: string | null
   /** Nobody is known to have told it so. */
@@ -48,6 +50,7 @@ export function robotRows(robots: readonly Robot[]): RobotRow[] {
       parted: told.parted_s ?? null,
       contacts: [told.contacts[0] ?? 0, told.contacts[1] ?? 0] as const,
       inside: told.inside ?? null,
+      body: told.body,
       certificate: told.certificate ?? null,
       command: told.command ?? null,
       supposed: told.supposed,

@@ -118,6 +118,7 @@ function work(record, { at, seconds, robots: asked, command }, astray) {
     return {
       robot: track.robot,
       kind: track.kind,
+      body: ['certificate', 'record', 'make'][number % 3],
       certificate: number % 3 === 0 ? '0123456789abcdef' : null,
       command: number % 5 === 4 ? null : 'wander',
       supposed: number % 5 === 3,

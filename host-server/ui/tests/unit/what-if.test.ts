@@ -21,6 +21,7 @@ function robot(name: string, more: Partial<Robot> = {}): Robot {
   return {
     robot: name,
     kind: 'simulated',
+    body: 'record',
     certificate: null,
     command: 'wander',
     supposed: false,
