@@ -1,7 +1,8 @@
 //! Server, broker and live robots in one process, measured from outside over real sockets.
 //!
-//! `cargo xtask bench fleet [--seconds N] [ROBOTS...]` runs it and prints the table that
-//! `docs/numbers.md` records. Robots wander while it measures. Latency is taken at an operator's MQTT
+//! `cargo xtask bench fleet [--seconds N] [--batch N] [ROBOTS...]` runs it and prints the table that
+//! `docs/numbers.md` records. Robots wander while it measures; with `--batch` they tell so many samples of telemetry at
+//! once, in CBOR. Latency is taken at an operator's MQTT
 //! client: from just before the publish of a `stop` to the arrival of its `completed`, through the
 //! broker both ways. Stops are sent for ten seconds, or as long as asked.
 
@@ -28,7 +29,7 @@ const LOOK: Duration = Duration::from_secs(5);
 const PATIENCE: Duration = Duration::from_secs(10);
 
 fn main() {
-    let (mut sizes, mut commanding) = (Vec::new(), COMMANDING);
+    let (mut sizes, mut commanding, mut batch) = (Vec::new(), COMMANDING, None);
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
@@ -38,7 +39,15 @@ fn main() {
                 let seconds = arguments.next().and_then(|text| text.parse().ok());
                 commanding = Duration::from_secs(seconds.expect("--seconds takes a whole number"));
             }
-            robots => sizes.push(robots.parse().expect("a number of robots, or --seconds N")),
+            "--batch" => {
+                let samples = arguments.next().and_then(|text| text.parse().ok());
+                batch = Some(samples.expect("--batch takes a whole number"));
+            }
+            robots => sizes.push(
+                robots
+                    .parse()
+                    .expect("a number of robots, --seconds N or --batch N"),
+            ),
         }
     }
     if sizes.is_empty() {
@@ -51,17 +60,21 @@ fn main() {
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for robots in sizes {
-        println!("{}", run(robots, commanding));
+        println!("{}", run(robots, commanding, batch));
     }
 }
 
-fn run(robots: usize, commanding: Duration) -> String {
+fn run(robots: usize, commanding: Duration, batch: Option<u8>) -> String {
     let began = Instant::now();
     let server = Terracrawler::start(&["up", "--robots", &robots.to_string(), "--seed", "1"]);
     wait_for("all robots online", Duration::from_mins(2), || {
         (metric(&server, "terracrawler_robots{status=\"online\"}") >= robots as f64).then_some(())
     });
     let online = began.elapsed();
+    let mut operator = Operator::connect(server.mqtt());
+    if let Some(samples) = batch {
+        operator.batches(samples, robots);
+    }
     // Behaviours start and connection work settles.
     std::thread::sleep(Duration::from_secs(5));
 
@@ -71,7 +84,6 @@ fn run(robots: usize, commanding: Duration) -> String {
     let cpu = (cpu_seconds(server.id()) - before.1) / span * 100.0;
     let rate = (messages(&server) - before.2) / span;
 
-    let mut operator = Operator::connect(server.mqtt());
     let commands = (commanding.as_millis() / PAUSE.as_millis()) as usize;
     let (mut latencies, factors) = std::thread::scope(|scope| {
         let (done, waits) = mpsc::channel::<()>();
@@ -148,13 +160,26 @@ impl Operator {
     }
 
     fn stop(&mut self, topic: &str) -> u64 {
+        self.command(topic, json!({ "command": "stop" }))
+    }
+
+    fn command(&mut self, topic: &str, mut command: Value) -> u64 {
         self.seq += 1;
-        let command = json!({"command": "stop", "timestamp": unix_ms(), "seq": self.seq,
-                             "source": "bench"});
+        command["timestamp"] = json!(unix_ms());
+        command["seq"] = json!(self.seq);
+        command["source"] = json!("bench");
         self.client
             .publish(topic, QoS::AtLeastOnce, false, command.to_string())
             .expect("publish");
         self.seq
+    }
+
+    /// Every robot tells so many samples of telemetry at once from now on, in CBOR.
+    fn batches(&mut self, samples: u8, robots: usize) {
+        let parameters = json!({ "telemetry_format": 1, "telemetry_batch": samples });
+        let set = json!({ "command": "set", "parameters": parameters });
+        let (answered, _) = self.swarm(set, robots);
+        assert_eq!(answered, robots, "robots that tell batches");
     }
 
     /// Latency of every answered one of so many stops.
@@ -184,11 +209,16 @@ impl Operator {
 
     /// How many robots completed one stop for the swarm, and when the last of them had.
     fn swarm_stop(&mut self, robots: usize) -> (usize, Duration) {
+        self.swarm(json!({ "command": "stop" }), robots)
+    }
+
+    /// The same of any command.
+    fn swarm(&mut self, command: Value, robots: usize) -> (usize, Duration) {
         let sent = Instant::now();
-        let stop = self.stop("swarm/command/swarm");
+        let given = self.command("swarm/command/swarm", command);
         let (mut answered, mut last) = (0, sent);
         self.collect(sent + PATIENCE, |seq, at| {
-            if seq == stop {
+            if seq == given {
                 answered += 1;
                 last = at;
             }
