@@ -141,6 +141,7 @@ impl Sector {
     }
 
     /// Has these contents, as much of them as there is room for.
+    #[cfg(feature = "recording")]
     pub(super) fn load(&mut self, bytes: &[u8]) {
         let length = bytes.len().min(ERASE_BYTES);
         self.bytes = Bytes::Own(bytes[..length].to_vec());

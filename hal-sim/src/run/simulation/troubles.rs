@@ -15,6 +15,7 @@ type Place = (u32, Part);
 /// A fault that holds.
 #[derive(Debug)]
 struct Active {
+    #[cfg(feature = "live")]
     fault: Fault,
     /// When it is over by itself.
     until: Instant,
@@ -103,6 +104,7 @@ impl Runtime {
         }
         let (now, until) = (self.now(), self.until(lasting));
         let mut active = Active {
+            #[cfg(feature = "live")]
             fault,
             until,
             next: until,
