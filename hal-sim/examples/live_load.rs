@@ -28,6 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         seed: 1,
         release_keys: None,
         radio_proxy: None,
+        other_ends: 0,
         authority: None,
     })?;
     println!("| second | real-time factor | lateness ms | connected | CPU % of one core |");

@@ -87,6 +87,28 @@ pub struct LiveConfig {
     /// Where others than the simulated robots can join the radio; see
     /// [`proxy`](crate::net::proxy). A scenario with `[radio]` or `[link]` has one without it.
     pub radio_proxy: Option<SocketAddr>,
+    /// Files that a connection takes at its other ends in this process: 1 where the broker is in it, 2 where something in it carries the
+    /// connection on, else 0.
+    pub other_ends: u64,
+}
+
+impl LiveConfig {
+    /// Files that a robot takes in this process.
+    fn files_each(&self) -> u64 {
+        // A radio has both ends of its own.
+        let radio = if radio::is_wanted(self) { 2 } else { 0 };
+        1 + self.other_ends + radio
+    }
+}
+
+/// Has the system allow as many files as so many robots and everything else take.
+fn make_room(each: u64, robots: u32) -> Result<(), LiveError> {
+    let need = each * u64::from(robots) + SPARE_DESCRIPTORS;
+    let have = rlimit::increase_nofile_limit(2 * need).map_err(LiveError::Runtime)?;
+    if have < need {
+        return Err(LiveError::Descriptors(have, need));
+    }
+    Ok(())
 }
 
 /// How a live world is doing. Rates are of the last second.
@@ -187,13 +209,7 @@ fn start_with(config: LiveConfig, record: Option<RecordTo>) -> Result<LiveHandle
         .to_socket_addrs()
         .map_err(|error| LiveError::Host(config.broker_host.clone(), Some(error)))?
         .collect();
-    // A broker in the same process needs as many again.
-    let each = if radio::is_wanted(&config) { 3 } else { 1 };
-    let need = each * u64::from(config.scenario.robots) + SPARE_DESCRIPTORS;
-    let have = rlimit::increase_nofile_limit(2 * need).map_err(LiveError::Runtime)?;
-    if have < need {
-        return Err(LiveError::Descriptors(have, need));
-    }
+    make_room(config.files_each(), config.scenario.robots)?;
     let radio = radio::start(&config, &broker)?;
     let board = Arc::new(Board::default());
     board.factor_ppm.store(1_000_000, Ordering::Relaxed);
@@ -388,6 +404,7 @@ fn run(
             return;
         }
     };
+    let files_each = config.files_each();
     let beginning = Beginning::New(Box::new(config.scenario), config.seed);
     let log = match Log::open(record.as_ref()) {
         Ok(log) => log,
@@ -428,6 +445,7 @@ fn run(
         gateway,
         make: Box::new(make),
         radio,
+        files_each,
         next_place: Instant::BOOT,
         given: broker,
         log,

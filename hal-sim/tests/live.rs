@@ -172,6 +172,7 @@ fn config(port: u16, robots: u32) -> LiveConfig {
         seed: 1,
         release_keys: None,
         radio_proxy: None,
+        other_ends: 1,
         authority: None,
     }
 }

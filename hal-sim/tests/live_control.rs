@@ -42,6 +42,7 @@ fn world() -> World {
         seed: 4,
         release_keys: None,
         radio_proxy: None,
+        other_ends: 1,
         authority: None,
     })
     .expect("a world");

@@ -28,6 +28,7 @@ fn world(port: u16, authority: Authority) -> LiveHandle {
         seed: 7,
         release_keys: None,
         radio_proxy: None,
+        other_ends: 1,
     };
     live::start(config).expect("a world")
 }

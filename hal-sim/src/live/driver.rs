@@ -44,6 +44,8 @@ pub(super) struct Driver<'a> {
     pub(super) gateway: Gateway,
     pub(super) make: Make,
     pub(super) radio: Option<Arc<Proxy>>,
+    /// Files that a robot takes in this process.
+    pub(super) files_each: u64,
     /// When the radio is told next where robots are.
     pub(super) next_place: Instant,
     /// What every world of this driver is given.

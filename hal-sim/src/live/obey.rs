@@ -223,14 +223,7 @@ impl Driver<'_> {
 
     /// Sockets for so many robots.
     fn make_room(&self, robots: u32) -> Result<(), ControlError> {
-        let each = if self.radio.is_some() { 3 } else { 1 };
-        let need = each * u64::from(robots) + super::SPARE_DESCRIPTORS;
-        let have = rlimit::increase_nofile_limit(2 * need).map_err(refused)?;
-        if have < need {
-            let text = format!("{need} open files are needed and {have} allowed");
-            return Err(refused(text));
-        }
-        Ok(())
+        super::make_room(self.files_each, robots).map_err(refused)
     }
 
     /// Begins a scenario that comes with the crate, in place of the one that runs.

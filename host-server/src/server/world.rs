@@ -8,7 +8,7 @@ use crawler_simulations::Simulation;
 use crawler_system::cli_error::{CliError, OrSay as _};
 
 use super::StartError;
-use crate::config::{BrokerUrl, KeyFiles, Settings};
+use crate::config::{Broker, BrokerUrl, KeyFiles, Settings};
 
 /// Sets the world up and lets its robots connect to `broker`.
 ///
@@ -53,6 +53,11 @@ fn config(settings: &Settings, broker: &BrokerUrl) -> Result<LiveConfig, CliErro
         scenario,
         seed: settings.seed,
         radio_proxy: settings.radio_proxy,
+        other_ends: match &settings.broker {
+            Broker::Embedded(_) => 1,
+            // A tunnel has both of its ends in this process.
+            Broker::Outside(url) => 2 * u64::from(url.tls),
+        },
         // Connections are carried over TLS on their way, all robots' together.
         authority: None,
     })

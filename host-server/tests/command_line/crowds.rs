@@ -125,3 +125,25 @@ fn with_few_descriptors_no_crowd_keeps_out_a_robot_or_a_stop() {
     let crowded: f64 = line.expect("counted").parse().expect("a number");
     assert!(crowded >= CROWD as f64, "{crowded}");
 }
+
+#[test]
+fn a_fleet_that_takes_more_files_than_are_allowed_does_not_begin() {
+    let scratch = Scratch::new();
+    let limited = format!("ulimit -n {FEW}; exec \"$0\" \"$@\"");
+    let ended = Command::new("sh")
+        .args(["-c", &limited, env!("CARGO_BIN_EXE_terracrawler")])
+        .args(["up", "--open", "--robots", "200"])
+        .args(["--http", "127.0.0.1:0", "--mqtt", "127.0.0.1:0"])
+        .arg("--data")
+        .arg(&scratch.0)
+        .stdin(Stdio::null())
+        .output()
+        .expect("starts");
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert!(!ended.status.success(), "{said}");
+    // Each robot, its broker's end, and everything else.
+    assert!(
+        said.contains("656 open files are needed and 512 allowed"),
+        "{said}"
+    );
+}
