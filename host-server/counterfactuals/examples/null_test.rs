@@ -170,7 +170,7 @@ async fn ask(seed: u64, certificates: Arc<Certificates>, task: Task, driven: boo
     } else {
         if driven {
             orders.extend(all(begin, Task::Lanes));
-            orders.extend(all((begin + told) / 2, Task::Back));
+            orders.extend(all(u64::midpoint(begin, told), Task::Back));
         }
         orders.extend(all(told, task));
     }

@@ -13,7 +13,7 @@ use crate::answer::{Answer, answer};
 use crate::bodies::Body;
 use crate::past::{self, Certificates, Past, Unreadable};
 use crate::question::Question;
-use crate::world::{NoWorld, Setting};
+use crate::world::{NoWorld, Setting, stop_if};
 
 /// Most that are kept.
 const MOST_KEPT: usize = 16;
@@ -234,9 +234,13 @@ impl Counterfactuals {
     /// What a question comes to.
     fn work(&self, id: u64, question: &Question, past: &Past, ended: &AtomicBool) -> State {
         let work = || -> Result<Answer, NoWorld> {
-            let bodies: Vec<Body> = past.robots.iter().map(Body::of).collect();
-            let setting = Setting::new(past, &bodies, question);
             let is_ended = || ended.load(Ordering::Acquire);
+            let mut bodies = Vec::new();
+            for past in &past.robots {
+                stop_if(&is_ended)?;
+                bodies.push(Body::of(past));
+            }
+            let setting = Setting::new(past, &bodies, question);
             let mut draws = Vec::new();
             for draw in 0..question.draws {
                 let was = setting.run(draw, false, &is_ended)?;

@@ -216,7 +216,8 @@ pub(crate) fn apart(one: Pose, other: Pose) -> f32 {
     (one.x - other.x).hypot(one.y - other.y)
 }
 
-fn stop_if(ended: &dyn Fn() -> bool) -> Result<(), NoWorld> {
+/// An error once nobody waits any more.
+pub(crate) fn stop_if(ended: &dyn Fn() -> bool) -> Result<(), NoWorld> {
     if ended() { Err(NoWorld::Ended) } else { Ok(()) }
 }
 

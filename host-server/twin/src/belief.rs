@@ -29,7 +29,7 @@ impl Belief {
         }
     }
 
-    /// Of a robot of which a drive is known, in which nobody looked for its body.
+    /// Of a robot of which a drive is known, whatever it drove for.
     ///
     /// # Errors
     /// [`Unidentified`] where the drive says too little.

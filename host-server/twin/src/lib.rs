@@ -6,10 +6,10 @@
 //! Reading order: [`body`], the model; [`evidence`], what is known of a drive, and what of it is refused; [`drive`],
 //! duties between samples, and where a body goes by them; [`identify`], parameters from a drive, by the small
 //! systems of `linear`; [`predict`], predictions against what happened; [`certificate`], a body with the proof
-//! of what it is worth, and [`belief`], one that may be a little different; [`shadow`], a body that follows a robot, [`around`], what that may touch, [`detect`], what is wrong
-//! with it, [`gap`], how far body and robot are apart, and [`drift`], whether a certificate still holds. Beside them: [`script`], the drive to
-//! calibrate on as a scenario, and [`course`], the same for a robot where it stands, with [`rehearsal`], which floor it
-//! takes; [`table`], drives of other robots.
+//! of what it is worth, and [`belief`], one with what is left open of it; [`shadow`], a body that follows a robot, [`around`],
+//! what that may touch, [`detect`], what is wrong with it, [`gap`], how far body and robot are apart, and [`drift`], whether a
+//! certificate still holds. Beside them: [`script`], the drive to calibrate on as a scenario, and [`course`], the same for a
+//! robot where it stands, with [`rehearsal`], which floor it takes; [`table`], drives of other robots.
 
 pub mod around;
 pub mod belief;
