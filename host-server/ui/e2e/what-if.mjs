@@ -160,6 +160,16 @@ async function round(page) {
       return false
     })
   })
+  await check('a link shows the same time', async () => {
+    await id(page, 'world-line').focus()
+    await page.keyboard.press('Home')
+    await page.keyboard.press('Shift+ArrowRight')
+    await until('it is not in the address', () => page.url().includes('after=200'))
+    await page.reload()
+    await answered(page)
+    await until('it is another time', async () => (await time(page)) === 200)
+    return page.url().split('?').pop()
+  })
   await check('the view of one world is that of the other', async () => {
     const camera = (world) => data(id(page, `world-${world}`), 'camera')
     const before = await camera('would')

@@ -8,6 +8,7 @@ import { linkTo, parseRoute, placeOf } from '../../src/view'
 import { readAnswer } from '../../src/what-if/answer'
 import { frameOf } from '../../src/what-if/frame'
 import { overlayAt, radiusAt } from '../../src/what-if/overlay'
+import { afterOf, queryOfAfter } from '../../src/what-if/address'
 import { bodyOf } from '../../src/what-if/question'
 import { isClear, nullTestOf, robotRows } from '../../src/what-if/rows'
 
@@ -211,5 +212,17 @@ describe('a question', () => {
     expect(parseRoute('#/what-if?id=c1')).toMatchObject({ view: 'what-if', query: { id: 'c1' } })
     expect(placeOf('what-if')).toBe('history')
     expect(placeOf('robots')).toBe('robots')
+  })
+})
+
+describe('the time in the address', () => {
+  it('is read as it was written, and the end is left out', () => {
+    for (const after of [0, 1, 8_250, 60_000]) expect(afterOf(queryOfAfter(after))).toBe(after)
+    expect(queryOfAfter(null)).toEqual({ after: '' })
+  })
+
+  it('is the end where nobody can tell', () => {
+    for (const after of ['', '-1', '1.5', 'x', '1e99', 'NaN']) expect(afterOf({ after })).toBe(null)
+    expect(afterOf({})).toBe(null)
   })
 })

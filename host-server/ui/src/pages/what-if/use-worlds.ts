@@ -1,11 +1,13 @@
 /** Both worlds of an answer, played in step by one clock. */
 
 import type { Ref } from 'vue'
-import { onBeforeUnmount, ref, watch } from 'vue'
+import { onBeforeUnmount, onMounted, ref, watch } from 'vue'
 import type { Bounds } from '../../arena/camera'
 import { Frames } from '../../history/frames'
 import { Player } from '../../history/player'
 import { Replay } from '../../history/replay'
+import { useAddress } from '../../view'
+import { afterOf, queryOfAfter } from '../../what-if/address'
 import type { WhatIfAnswer, World } from '../../what-if/answer'
 import { WORLDS } from '../../what-if/answer'
 import { frameOf } from '../../what-if/frame'
@@ -14,6 +16,8 @@ import { overlayAt, radiusAt } from '../../what-if/overlay'
 
 /** Words about the moment change this often. */
 const TELL_MS = 200
+/** How often the time goes into the address: browsers bear no more. */
+const WRITE_MS = 700
 
 export interface Worlds {
   answer: WhatIfAnswer
@@ -63,9 +67,36 @@ export function useWorlds(
     else show()
   })
   watch(chosen, show)
+
+  const address = useAddress()
+  const { from, to } = answer.window
+  const wished = (): number | null => afterOf(address.route.value.query)
+  let written = wished()
   // What it came to is seen first; playing begins at the moment that was asked of.
-  player.seek(answer.window.to)
+  function seek(after: number | null): void {
+    player.seek(after === null ? to : from + after)
+  }
+  seek(written)
+  /** With some delay: time changes faster than addresses may. */
+  function write(): void {
+    if (address.view.value !== 'what-if' || address.leaving()) return
+    const after = player.now >= to ? null : Math.round(player.now - from)
+    if (after === written) return
+    written = after
+    address.change(queryOfAfter(after))
+  }
+  // Another time by hand.
+  watch(wished, (after) => {
+    if (after === written) return
+    written = after
+    seek(after)
+  })
+  let writing: ReturnType<typeof setInterval> | undefined
+  onMounted(() => {
+    writing = setInterval(write, WRITE_MS)
+  })
   onBeforeUnmount(() => {
+    clearInterval(writing)
     frames.stop()
     draws.clear()
   })
