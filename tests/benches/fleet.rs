@@ -1,17 +1,19 @@
-//! Server, broker and live robots in one process, measured from outside over real sockets.
+//! Server, broker and live robots, measured from outside over real sockets.
 //!
-//! `cargo xtask bench fleet [--seconds N] [--batch N] [ROBOTS...]` runs it and prints the table that
-//! `docs/numbers.md` records. Robots wander while it measures; with `--batch` they tell so many samples of telemetry at
+//! `cargo xtask bench fleet [--seconds N] [--batch N] [--apart] [ROBOTS...]` runs it and prints the table that
+//! `docs/numbers.md` records. All is one process; with `--apart` robots have one of their own, and what is told of processor and
+//! memory is the server's. Robots wander while it measures; with `--batch` they tell so many samples of telemetry at
 //! once, in CBOR. Latency is taken at an operator's MQTT
 //! client: from just before the publish of a `stop` to the arrival of its `completed`, through the
 //! broker both ways. Stops are sent for ten seconds, or as long as asked.
 
 use std::collections::HashMap;
 use std::sync::mpsc;
+use std::thread::ScopedJoinHandle;
 use std::time::{Duration, Instant};
 
 use crawler_tests::measure::{cpu_seconds, milliseconds, percentile, resident_mib, sum, unix_ms};
-use crawler_tests::{Terracrawler, measure, wait_for};
+use crawler_tests::{Simulated, Terracrawler, measure, wait_for};
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::Packet;
 use rumqttc::v5::{Client, Connection, Event, MqttOptions};
@@ -28,8 +30,22 @@ const LOOK: Duration = Duration::from_secs(5);
 /// Answers that take longer count as missing.
 const PATIENCE: Duration = Duration::from_secs(10);
 
+/// How it is measured.
+struct Settings {
+    commanding: Duration,
+    /// Samples of telemetry at once; `None` is each alone, in JSON.
+    batch: Option<u8>,
+    /// Robots have a process of their own.
+    apart: bool,
+}
+
 fn main() {
-    let (mut sizes, mut commanding, mut batch) = (Vec::new(), COMMANDING, None);
+    let mut sizes = Vec::new();
+    let mut settings = Settings {
+        commanding: COMMANDING,
+        batch: None,
+        apart: false,
+    };
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
@@ -37,16 +53,18 @@ fn main() {
             "--bench" => {}
             "--seconds" => {
                 let seconds = arguments.next().and_then(|text| text.parse().ok());
-                commanding = Duration::from_secs(seconds.expect("--seconds takes a whole number"));
+                let seconds = seconds.expect("--seconds takes a whole number");
+                settings.commanding = Duration::from_secs(seconds);
             }
             "--batch" => {
                 let samples = arguments.next().and_then(|text| text.parse().ok());
-                batch = Some(samples.expect("--batch takes a whole number"));
+                settings.batch = Some(samples.expect("--batch takes a whole number"));
             }
+            "--apart" => settings.apart = true,
             robots => sizes.push(
                 robots
                     .parse()
-                    .expect("a number of robots, --seconds N or --batch N"),
+                    .expect("a number of robots, --seconds N, --batch N or --apart"),
             ),
         }
     }
@@ -60,19 +78,28 @@ fn main() {
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for robots in sizes {
-        println!("{}", run(robots, commanding, batch));
+        println!("{}", run(robots, &settings));
     }
 }
 
-fn run(robots: usize, commanding: Duration, batch: Option<u8>) -> String {
+fn run(robots: usize, settings: &Settings) -> String {
     let began = Instant::now();
-    let server = Terracrawler::start(&["up", "--robots", &robots.to_string(), "--seed", "1"]);
-    wait_for("all robots online", Duration::from_mins(2), || {
+    let number = robots.to_string();
+    let simulation = ["--robots", &number, "--seed", "1"];
+    let (server, apart) = if settings.apart {
+        let server = Terracrawler::start(&["serve"]);
+        let robots = Simulated::start(server.mqtt(), &simulation);
+        (server, Some(robots))
+    } else {
+        let arguments: Vec<&str> = ["up"].into_iter().chain(simulation).collect();
+        (Terracrawler::start(&arguments), None)
+    };
+    wait_for("all robots online", Duration::from_mins(5), || {
         (metric(&server, "terracrawler_robots{status=\"online\"}") >= robots as f64).then_some(())
     });
     let online = began.elapsed();
     let mut operator = Operator::connect(server.mqtt());
-    if let Some(samples) = batch {
+    if let Some(samples) = settings.batch {
         operator.batches(samples, robots);
     }
     // Behaviours start and connection work settles.
@@ -84,27 +111,37 @@ fn run(robots: usize, commanding: Duration, batch: Option<u8>) -> String {
     let cpu = (cpu_seconds(server.id()) - before.1) / span * 100.0;
     let rate = (messages(&server) - before.2) / span;
 
-    let commands = (commanding.as_millis() / PAUSE.as_millis()) as usize;
+    let commands = (settings.commanding.as_millis() / PAUSE.as_millis()) as usize;
     let (mut latencies, factors) = std::thread::scope(|scope| {
         let (done, waits) = mpsc::channel::<()>();
         let server = &server;
-        let watch = scope.spawn(move || real_time_factors(server, &waits));
+        // A world of another process tells nobody.
+        let watch =
+            (!settings.apart).then(|| scope.spawn(move || real_time_factors(server, &waits)));
         let latencies = operator.single_stops(robots, commands);
         drop(done);
-        (latencies, watch.join().expect("the watch ends"))
+        let watched = |watch: ScopedJoinHandle<'_, _>| watch.join().expect("the watch ends");
+        (latencies, watch.map_or_else(Vec::new, watched))
     });
+    let factor = |of: Option<f64>| of.map_or_else(|| "–".to_owned(), |of| format!("{of:.3}"));
+    let mean = factors.iter().sum::<f64>() / factors.len() as f64;
+    let (mean, worst) = (
+        factor(Some(mean).filter(|mean| mean.is_finite())),
+        factor(factors.iter().copied().reduce(f64::min)),
+    );
     latencies.sort_unstable();
     let (answered, swarm) = operator.swarm_stop(robots);
     let memory = resident_mib(server.id());
     let share = format!("{} of {commands}", latencies.len());
+    if let Some(robots) = apart {
+        robots.interrupt();
+    }
     let (status, log) = server.interrupt();
     assert!(status.success(), "{log}");
     format!(
-        "| {robots} | {:.1} s | {cpu:.0} | {memory:.0} | {rate:.0} | {:.3} | {:.3} | {share} | {:.1} \
+        "| {robots} | {:.1} s | {cpu:.0} | {memory:.0} | {rate:.0} | {mean} | {worst} | {share} | {:.1} \
          | {:.1} | {:.1} | {answered} of {robots}, {:.0} |",
         online.as_secs_f64(),
-        factors.iter().sum::<f64>() / factors.len() as f64,
-        factors.iter().copied().fold(f64::INFINITY, f64::min),
         at_percent(&latencies, 50),
         at_percent(&latencies, 99),
         at_percent(&latencies, 100),
@@ -148,11 +185,9 @@ impl Operator {
         client
             .subscribe("swarm/response/robot/+", QoS::AtLeastOnce)
             .expect("subscribe");
-        let deadline = Instant::now() + PATIENCE;
-        while Instant::now() < deadline {
-            if let Ok(Ok(Event::Incoming(Packet::SubAck(_)))) =
-                operator.connection.recv_timeout(PAUSE)
-            {
+        // Waiting that is broken off begins to connect anew, which takes a while beside thousands of robots that have just come.
+        while let Ok(event) = operator.connection.recv_timeout(Duration::from_mins(1)) {
+            if let Event::Incoming(Packet::SubAck(_)) = event.expect("the session holds") {
                 return operator;
             }
         }
