@@ -144,7 +144,7 @@ fn normal(rng: &mut Pcg32) -> f64 {
 mod tests {
     use crawler_sim::run::Duration;
     use crawler_sim::run::bare::{BareWorld, Drive, Steering};
-    use crawler_sim::scenario::Scenario;
+    use crawler_sim::scenario::{Scenario, SpawnPose};
     use crawler_sim::world::{Parameters as World, RobotIndex};
     use crawler_twin::body::Wheels;
     use proptest::prelude::*;
@@ -172,6 +172,11 @@ mod tests {
         scenario.robots = 1;
         (scenario.arena.width, scenario.arena.height) = (Some(20.0), Some(20.0));
         scenario.arena.scatter.per_square_metre = 0.0;
+        scenario.spawn.poses = vec![SpawnPose {
+            x: 0.0,
+            y: 0.0,
+            theta: 0.0,
+        }];
         scenario.bodies = vec![body];
         let mut world = BareWorld::of_scenario(&scenario, 1, Steering::Caller).expect("a world");
         world.step_with(Duration::from_millis(2_000), |_, _| {

@@ -74,7 +74,7 @@ pub(super) fn body(twin: &Parameters) -> World {
 mod tests {
     use crawler_sim::run::Duration;
     use crawler_sim::run::bare::{BareWorld, Drive, Steering};
-    use crawler_sim::scenario::Scenario;
+    use crawler_sim::scenario::{Scenario, SpawnPose};
     use crawler_sim::world::{RobotIndex, charge_at_rest};
     use crawler_twin::body::Wheels;
 
@@ -95,6 +95,11 @@ mod tests {
             sections(&own)
         ))
         .expect("a scenario");
+        scenario.spawn.poses = vec![SpawnPose {
+            x: 0.0,
+            y: 0.0,
+            theta: 0.0,
+        }];
         scenario.bodies[0].charge = Some(charge_at_rest(volts));
         let mut world = BareWorld::of_scenario(&scenario, 1, Steering::Caller).expect("a world");
         let drive = Drive::Duties(duty.map(|duty| duty as f32));
