@@ -10,8 +10,9 @@ use crate::config::{Broker, LogFormat, Role, Settings};
 use crate::server::{Robots, Server, StartError, WorkerProcess};
 use crawler_system::text::log_fields;
 
-/// Stopping takes at most this long; whatever still hangs then is left to the operating system.
-const LAST_CALL: Duration = Duration::from_secs(20);
+/// Stopping takes at most this long; whatever still hangs then is left to the operating system. Simulated robots alone have 20 s to
+/// come to rest, and whatever else hangs is cut short after five.
+const LAST_CALL: Duration = Duration::from_secs(45);
 
 /// Why a run ended otherwise than by being told to.
 #[derive(Debug)]

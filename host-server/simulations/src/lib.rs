@@ -212,6 +212,7 @@ impl Simulation {
         if let Some(text) = world.recording_error() {
             tracing::warn!(text, "the recording ended before the world");
         }
+        tracing::info!("simulated robots are told to stop");
         match tokio::task::spawn_blocking(move || world.stop(PATIENCE)).await {
             Ok(Ok(report)) if report.standing == report.robots => {
                 tracing::info!(robots = report.robots, "all simulated robots stand");
