@@ -69,6 +69,8 @@ impl Driver<'_> {
         }
         // Robots cannot come to rest in a world that stands.
         self.wake_up();
+        // Whoever learns the time only now, or has somewhere to go, would set out once more.
+        self.simulation.end_scenario();
         self.simulation.submit_all(Action::Stop);
         let patience = StdDuration::from_millis(self.board.patience_ms.load(Ordering::Relaxed));
         let deadline = RealInstant::now().checked_add(patience);

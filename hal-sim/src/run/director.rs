@@ -252,6 +252,14 @@ impl Director {
         self.given.push(0);
     }
 
+    /// Has nothing in store any more.
+    #[cfg(feature = "live")]
+    pub(crate) fn end(&mut self) {
+        self.entries.clear();
+        self.next_look = Instant::FAR_FUTURE;
+        self.plan();
+    }
+
     /// Leaves out what happened up to `now`.
     #[cfg(feature = "live")]
     pub(crate) fn skip_to(&mut self, now: Instant) {

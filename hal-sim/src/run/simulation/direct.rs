@@ -61,6 +61,13 @@ impl Runtime {
         }
     }
 
+    /// Lets nothing of the scenario happen any more: no command, no fault, no goal.
+    #[cfg(feature = "live")]
+    pub(super) fn end_scenario(&mut self) {
+        self.initial.end();
+        self.director.end();
+    }
+
     /// Whether a robot has booted and knows the time, so that it takes commands that reach it.
     pub(super) fn takes_commands(&self, robot: usize) -> bool {
         let machine = self.population.get(robot);
@@ -102,6 +109,58 @@ impl Runtime {
         // Validated with the scenario; a link that is none cannot be lost.
         if self.break_part(robot, fault, lasting).is_ok() {
             self.director.note_broken(broken);
+        }
+    }
+}
+
+#[cfg(all(test, feature = "live"))]
+mod tests {
+    use super::*;
+    use crate::run::simulation::Simulation;
+    use crate::scenario::Scenario;
+    use crate::world::Pose;
+
+    const FLOOR: &str = r#"
+name = "floor"
+robots = 3
+arena = { width = 6.0, height = 6.0, scatter = { per_square_metre = 0.0 } }
+"#;
+    const WANDER: &str = "command = \"behave\"\nparameters = { behaviour = \"wander\" }";
+
+    /// How far one of them goes in three seconds once all were told to stop, metres.
+    fn way_after_a_stop(scenario: &str, before_ms: u64, ends: bool) -> f32 {
+        let scenario = Scenario::parse(scenario).expect("a scenario");
+        let mut world = Simulation::without_network(scenario, 1).expect("a world");
+        world.run_for(Duration::from_millis(before_ms));
+        if ends {
+            world.end_scenario();
+        }
+        world.submit_all(Action::Stop);
+        world.run_for(Duration::from_millis(1_000));
+        let poses = |world: &Simulation| -> Vec<Pose> {
+            let robots = 0..world.robots();
+            robots.filter_map(|robot| world.pose(robot)).collect()
+        };
+        let stood = poses(&world);
+        world.run_for(Duration::from_millis(3_000));
+        let ways = stood.iter().zip(poses(&world));
+        ways.map(|(from, to)| (from.x - to.x).hypot(from.y - to.y))
+            .fold(0.0, f32::max)
+    }
+
+    #[test]
+    fn a_scenario_that_has_ended_sets_nobody_going_again() {
+        // Those who wait for their clock, who are told again and again, and who have somewhere to go.
+        let first = format!("{FLOOR}[command]\n{WANDER}\n");
+        let again = format!("{FLOOR}[[commands]]\nat_s = 0.0\nevery_s = 2.0\n{WANDER}\n");
+        let goal = format!("{FLOOR}[[goals]]\nx = 2.0\ny = 2.0\nr = 0.5\n");
+        for (scenario, before_ms) in [(&first, 0), (&again, 5_000), (&goal, 5_000)] {
+            let way = |ends| way_after_a_stop(scenario, before_ms, ends);
+            let [goes_on, ended] = [false, true].map(way);
+            assert!(
+                goes_on > 0.1 && ended < 0.01,
+                "{goes_on}, {ended} m: {scenario}"
+            );
         }
     }
 }

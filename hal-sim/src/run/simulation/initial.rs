@@ -41,6 +41,12 @@ impl Initial {
         self.waiting.retain(|&waiting| waiting as usize != robot);
     }
 
+    /// Nobody gets it any more.
+    #[cfg(feature = "live")]
+    pub(super) fn end(&mut self) {
+        *self = Self::new(None);
+    }
+
     /// The command and those who waited for it; whoever cannot take it yet is to wait again.
     pub(super) fn take(&mut self) -> Option<(Action, Vec<u32>)> {
         self.due = Instant::FAR_FUTURE;

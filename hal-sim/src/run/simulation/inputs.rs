@@ -58,6 +58,13 @@ impl Simulation {
         seq
     }
 
+    /// Lets nothing of the scenario happen any more: no command, no fault, no goal. A journal does not know of it: it is the
+    /// end of a world.
+    #[cfg(feature = "live")]
+    pub(crate) fn end_scenario(&mut self) {
+        self.runtime.end_scenario();
+    }
+
     /// Does what the journal says that one of the three did.
     fn submit_again(&mut self, robot: Option<usize>, payload: &Payload, numbered: bool) {
         if numbered {
