@@ -366,15 +366,16 @@ impl RobotView {
                 .map(|place| place.as_ref().map(|place| millimetres(value(place))))
                 .collect()
         };
+        let (body, certificate) = match &robot.known {
+            Known::Certificate(id) => (BodyView::Certificate, Some(id.clone())),
+            Known::Record => (BodyView::Record, None),
+            Known::Make => (BodyView::Make, None),
+        };
         Self {
             robot: robot.robot.as_str().to_owned(),
             kind,
-            body: match robot.known {
-                Known::Certificate => BodyView::Certificate,
-                Known::Record => BodyView::Record,
-                Known::Make => BodyView::Make,
-            },
-            certificate: robot.certificate.clone(),
+            body,
+            certificate,
             command: robot.doing.clone(),
             supposed: robot.supposed,
             recorded: RecordView {

@@ -66,8 +66,6 @@ pub struct RobotAnswer {
     pub robot: RobotId,
     /// From what its body is known.
     pub known: Known,
-    /// Id of the certificate whose body it has; `None` for another one.
-    pub certificate: Option<String>,
     /// What it was told last before the moment; `None` where nobody knows of anything.
     pub doing: Option<String>,
     /// Whether that is supposed only, since it moved.
@@ -170,8 +168,7 @@ fn robot_answer(
     let [was, would] = paths;
     RobotAnswer {
         robot: past.robot.clone(),
-        known: body.known,
-        certificate: past.certificate.as_ref().map(|known| known.id().to_owned()),
+        known: body.known.clone(),
         doing: later.or(first).map(|order| words(&order.action)),
         supposed: past.supposed && later.is_none(),
         recorded: past.path.clone(),

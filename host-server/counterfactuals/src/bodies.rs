@@ -19,10 +19,10 @@ const ANY_GAUGE_V: f64 = 0.06;
 const CHARGE_SIGMA: f64 = 0.1;
 
 /// Where it is known from what body a robot has.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Known {
-    /// A calibration.
-    Certificate,
+    /// A calibration, by the id of its certificate.
+    Certificate(String),
     /// What it did before the moment.
     Record,
     /// Its make alone: it hardly moved before the moment.
@@ -61,10 +61,12 @@ impl Body {
     /// From its certificate, or what it did before the moment; else it is as its make has it. Takes a tenth of a second.
     pub(crate) fn of(past: &PastRobot) -> Self {
         let drive = Drive::new(&past.before);
-        let certified = past.certificate.as_deref().map(Belief::from);
         let recorded = || Belief::of_drive(drive.as_ref()?).ok();
-        let (known, belief) = match certified {
-            Some(belief) => (Known::Certificate, belief),
+        let (known, belief) = match past.certificate.as_deref() {
+            Some(certificate) => {
+                let id = certificate.id().to_owned();
+                (Known::Certificate(id), Belief::from(certificate))
+            }
             None => match recorded() {
                 Some(belief) => (Known::Record, belief),
                 None => (Known::Make, Belief::prior()),
@@ -72,7 +74,7 @@ impl Body {
         };
         let sigma_v = match known {
             Known::Make => ANY_GAUGE_V,
-            Known::Certificate | Known::Record => SAME_GAUGE_V,
+            Known::Certificate(_) | Known::Record => SAME_GAUGE_V,
         };
         let open = drive.and_then(|drive| drive.open_voltage(&belief.parameters));
         let pack = match open {
