@@ -19,17 +19,24 @@ struct Server {
     mqtt: String,
 }
 
+/// The program, which may open few files.
+fn limited(scratch: &Scratch, arguments: &[&str]) -> Command {
+    // The hard limit as well: the program raises the other.
+    let limited = format!("ulimit -n {FEW}; exec \"$0\" \"$@\"");
+    let mut command = Command::new("sh");
+    command
+        .args(["-c", &limited, env!("CARGO_BIN_EXE_terracrawler")])
+        .args(arguments)
+        .args(["--http", "127.0.0.1:0", "--mqtt", "127.0.0.1:0"])
+        .arg("--data")
+        .arg(&scratch.0);
+    command
+}
+
 impl Server {
     fn start() -> Self {
         let scratch = Scratch::new();
-        // The hard limit as well: the program raises the other.
-        let limited = format!("ulimit -n {FEW}; exec \"$0\" \"$@\"");
-        let mut child = Command::new("sh")
-            .args(["-c", &limited, env!("CARGO_BIN_EXE_terracrawler")])
-            .args(["serve", "--open", "--log", "off"])
-            .args(["--http", "127.0.0.1:0", "--mqtt", "127.0.0.1:0"])
-            .arg("--data")
-            .arg(&scratch.0)
+        let mut child = limited(&scratch, &["serve", "--open", "--log", "off"])
             .stdout(Stdio::piped())
             .spawn()
             .expect("starts");
@@ -129,13 +136,7 @@ fn with_few_descriptors_no_crowd_keeps_out_a_robot_or_a_stop() {
 #[test]
 fn a_fleet_that_takes_more_files_than_are_allowed_does_not_begin() {
     let scratch = Scratch::new();
-    let limited = format!("ulimit -n {FEW}; exec \"$0\" \"$@\"");
-    let ended = Command::new("sh")
-        .args(["-c", &limited, env!("CARGO_BIN_EXE_terracrawler")])
-        .args(["up", "--open", "--robots", "200"])
-        .args(["--http", "127.0.0.1:0", "--mqtt", "127.0.0.1:0"])
-        .arg("--data")
-        .arg(&scratch.0)
+    let ended = limited(&scratch, &["up", "--open", "--robots", "200"])
         .stdin(Stdio::null())
         .output()
         .expect("starts");
