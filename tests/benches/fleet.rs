@@ -124,11 +124,9 @@ fn run(robots: usize, settings: &Settings) -> String {
         (latencies, watch.map_or_else(Vec::new, watched))
     });
     let factor = |of: Option<f64>| of.map_or_else(|| "–".to_owned(), |of| format!("{of:.3}"));
-    let mean = factors.iter().sum::<f64>() / factors.len() as f64;
-    let (mean, worst) = (
-        factor(Some(mean).filter(|mean| mean.is_finite())),
-        factor(factors.iter().copied().reduce(f64::min)),
-    );
+    let sum = factors.iter().copied().reduce(|sum, one| sum + one);
+    let mean = factor(sum.map(|sum| sum / factors.len() as f64));
+    let worst = factor(factors.iter().copied().reduce(f64::min));
     latencies.sort_unstable();
     let (answered, swarm) = operator.swarm_stop(robots);
     let memory = resident_mib(server.id());
