@@ -182,6 +182,42 @@ impl Network {
         &self.parameters
     }
 
+    /// How many weights and biases it has.
+    pub fn size(&self) -> usize {
+        let layers = self.layers.iter();
+        layers.map(|layer| (layer.inputs + 1) * layer.outputs).sum()
+    }
+
+    /// Appends weights and biases, layer by layer, input by input, without what fills rows up.
+    pub(crate) fn pack(&self, out: &mut Vec<f32>) {
+        for layer in &self.layers {
+            let all = layer.weights.start..layer.biases.end;
+            for row in self.parameters[all].chunks_exact(layer.stride) {
+                out.extend_from_slice(&row[..layer.outputs]);
+            }
+        }
+    }
+
+    /// Takes what [`pack`](Self::pack) wrote.
+    ///
+    /// # Panics
+    /// When `packed` is not of this [`size`](Self::size).
+    pub(crate) fn unpack(&mut self, packed: &[f32]) {
+        assert_eq!(packed.len(), self.size(), "weights of this network");
+        let layers = self.layers.clone();
+        self.change(|parameters| {
+            let mut rest = packed;
+            for layer in &layers {
+                let all = layer.weights.start..layer.biases.end;
+                for row in parameters[all].chunks_exact_mut(layer.stride) {
+                    let (own, after) = rest.split_at(layer.outputs);
+                    row[..layer.outputs].copy_from_slice(own);
+                    rest = after;
+                }
+            }
+        });
+    }
+
     /// Length of a row of outputs.
     pub(crate) const fn output_stride(&self) -> usize {
         padded(self.shape.outputs)

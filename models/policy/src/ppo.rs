@@ -2,6 +2,7 @@
 //! round, then a few passes over them that move the policy a little.
 
 mod config;
+mod federated;
 mod rollout;
 mod update;
 
@@ -20,6 +21,7 @@ use rollout::{Rollout, Stage, Trajectory};
 use update::{Objective, Piece, Sums};
 
 pub use config::{Config, Critic};
+pub use federated::WeightsError;
 
 /// A run of PPO. After each [`round`](Self::round) it can be kept, and gone on with.
 #[derive(Debug)]
@@ -31,6 +33,8 @@ pub struct Ppo<E> {
     value: Learner,
     stages: Vec<Stage<E>>,
     round: u64,
+    /// What was adopted last, by network; empty where nothing pulls back to it.
+    anchors: [Vec<f32>; 2],
     pieces: Vec<Piece>,
     acting: Vec<rollout::Scratch>,
     learning: Vec<update::Scratch>,
@@ -105,6 +109,7 @@ impl<E: Environment> Ppo<E> {
             interface,
             stages,
             round: 0,
+            anchors: [Vec::new(), Vec::new()],
         })
     }
 
@@ -216,6 +221,13 @@ impl<E: Environment> Ppo<E> {
                         sum.iter_mut().zip(gradient).for_each(|(sum, g)| *sum += g);
                     }
                     first.sums.add(&piece.sums);
+                }
+                for (gradient, (anchor, learner)) in first
+                    .gradients
+                    .iter_mut()
+                    .zip(self.anchors.iter().zip([&self.policy, &self.value]))
+                {
+                    federated::pull_back(gradient, self.config.proximal, learner, anchor);
                 }
                 let [policy, value] = &first.gradients;
                 // One by one: networks share nothing, and a critic far off would hold up the policy.

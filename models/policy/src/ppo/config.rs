@@ -53,6 +53,9 @@ pub struct Config {
     /// Part of the rounds over which that falls to 1, in a straight line: from then on the agent acts as it will once
     /// learning is over.
     pub held_until: f32,
+    /// How strongly the gradient pulls back to the weights that were [adopted](super::Ppo::adopt) last: the proximal term μ
+    /// of `FedProx` (Li and others 2020); 0 for not at all.
+    pub proximal: f32,
 }
 
 impl Default for Config {
@@ -75,6 +78,7 @@ impl Default for Config {
             divergence: 0.03,
             hold: 1.0,
             held_until: 0.5,
+            proximal: 0.0,
         }
     }
 }
@@ -115,7 +119,8 @@ impl Config {
         check(divergence, "divergence", "0, or above")?;
         check((1.0..=1_000.0).contains(&self.hold), "hold", "1 to 1,000")?;
         let until = self.held_until > 0.0 && self.held_until <= 1.0;
-        check(until, "held_until", "above 0, at most 1")
+        check(until, "held_until", "above 0, at most 1")?;
+        check((0.0..=10.0).contains(&self.proximal), "proximal", "0 to 10")
     }
 
     /// For how many steps an agent keeps to an action, on average, in this round.
@@ -145,6 +150,9 @@ impl Config {
         // A run without it is the one that it was before there was any.
         if self.hold > 1.0 {
             writer.f32s(&[self.hold, self.held_until]);
+        }
+        if self.proximal > 0.0 {
+            writer.f32s(&[self.proximal]);
         }
     }
 }
