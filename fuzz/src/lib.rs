@@ -1,6 +1,6 @@
 //! The bodies of the fuzz targets, by name.
 //!
-//! `targets` lists them. They stand with what they try: `access`, `board`, `boot`, `bundle`, `delta`, `gate`,
+//! `targets` lists them. They stand with what they try: `access`, `board`, `boot`, `bundle`, `delta`, `federated`, `gate`,
 //! `models`, `policies`, `release`, `robots`, `simulator`, `tls` and `twins`.
 
 mod access;
@@ -8,6 +8,7 @@ mod board;
 mod boot;
 mod bundle;
 mod delta;
+mod federated;
 mod gate;
 mod models;
 mod policies;
@@ -32,6 +33,7 @@ pub fn run(target: &str, data: &[u8]) {
         .chain(&boot::TARGETS)
         .chain(&bundle::TARGETS)
         .chain(&delta::TARGETS)
+        .chain(&federated::TARGETS)
         .chain(&gate::TARGETS)
         .chain(&models::TARGETS)
         .chain(&policies::TARGETS)

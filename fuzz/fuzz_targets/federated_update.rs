@@ -1,0 +1,4 @@
+//! Fuzzes `federated_update`; see `federated.rs`.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| crawler_fuzz::run("federated_update", data));
