@@ -6,15 +6,18 @@
 //! network under the firmware comes here as often, as late and as noisy: fixes, and who is near.
 //!
 //! Reading order: `agent`, one robot; `outside`, what comes to robots from outside; `spread`, the environment with its task; `teammates`,
-//! the same for one learner; `export`, from what was learned to a blob for robots; `run`, a training run with its files;
-//! `curve` and
-//! `tensorboard`, two of these; `train`, the same from a command line; `gym`, the environment for those who learn elsewhere.
+//! the same for one learner; `export`, from what was learned to a blob for robots; `curve` and
+//! `tensorboard`, what is told of each round, and `files`, where; `judge`, what a policy came to; `run`, a training run;
+//! `federated`, one of many nodes; `train`, a run from a command line; `gym`, the environment for those who learn elsewhere.
 #![forbid(unsafe_code)]
 
 mod agent;
 mod curve;
 mod export;
+pub mod federated;
+mod files;
 pub mod gym;
+mod judge;
 mod outside;
 mod run;
 mod spread;
@@ -24,7 +27,8 @@ pub mod train;
 
 pub use curve::Line;
 pub use export::{Header, Unfit, export};
-pub use run::{JUDGED, Judged, Options, Run, RunError, Summary};
+pub use judge::{JUDGED, Judged, Summary};
+pub use run::{Options, Run, RunError};
 pub use spread::{Driven, Spread};
 pub use teammates::Teammates;
 pub use tensorboard::NAME as EVENTS;

@@ -112,6 +112,13 @@ impl Spread {
         Scenario::built_in(SCENARIO)
     }
 
+    /// Whether worlds can be drawn from `scenario`. Takes long where not.
+    pub fn can_be_drawn(scenario: &Scenario) -> bool {
+        let mut world = Self::new(Arc::new(scenario.clone()));
+        world.reset(Seed::training(0, 0, 0));
+        world.episode.is_some()
+    }
+
     /// How the last episode went, or has gone so far.
     pub fn driven(&self) -> Option<Driven> {
         self.episode.as_ref().map(|episode| Driven {

@@ -70,8 +70,12 @@ pub fn run(args: &TrainArgs) -> ExitCode {
         Err(error) => {
             eprintln!("terracrawler: {error}");
             ExitCode::from(match error {
-                RunError::Diverged(_) | RunError::Unfit(_) => 1,
-                RunError::File(..) | RunError::Config(_) | RunError::Checkpoint(..) => 2,
+                RunError::Diverged(_) | RunError::Unfit(_) | RunError::Node(_) => 1,
+                RunError::File(..)
+                | RunError::Config(_)
+                | RunError::Checkpoint(..)
+                | RunError::Rounds(..)
+                | RunError::Settings(_) => 2,
             })
         }
     }

@@ -3,6 +3,9 @@
 use std::fs;
 
 use super::*;
+use crate::curve::COLUMNS;
+use crate::judge::Judged;
+use crate::tensorboard::NAME as EVENTS;
 use crate::tensorboard::tests::{shown, wanted};
 
 fn options() -> Options {
