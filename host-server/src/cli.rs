@@ -17,6 +17,7 @@ use crate::config::{
 use crate::console::{
     AuditArgs, BackupArgs, MosquittoArgs, RestoreArgs, RobotArgs, Task, UserArgs,
 };
+use crate::learn_node::LearnNodeArgs;
 use crate::release::{ReleaseArgs, ReleaseTask};
 use crate::replay::ReplayArgs;
 use crate::rollout::RolloutArgs;
@@ -74,6 +75,8 @@ pub enum Command {
     Evaluate(Box<EvaluateArgs>),
     /// Trains a policy for robots, from nothing
     Train(Box<TrainArgs>),
+    /// Learns in worlds of its own for a training of the fleet, together with other nodes
+    LearnNode(Box<LearnNodeArgs>),
     /// Worlds to learn in for another program, over standard input and output; `python/` is one
     Gym(GymArgs),
     /// Runs a recording, or a seed, through the program once more
@@ -142,6 +145,7 @@ impl Cli {
                 return Ok((Role::Serve, place.layer(), place.config));
             }
             Command::Mosquitto(args) => (Role::Sim, args.task.common(), None, None),
+            Command::LearnNode(args) => (Role::Sim, args.common, None, None),
             Command::Sim { common, robots } => (Role::Sim, common, None, Some(robots)),
             Command::Worker(options) => {
                 let (layer, config) = options.layer();
@@ -203,6 +207,7 @@ impl Command {
             }) => Some(Task::AddRelease(args.clone())),
             Self::Rollout(args) => Some(Task::Rollout(args.clone())),
             Self::Twin(args) => args.live().map(|_| Task::Twin(args.clone())),
+            Self::LearnNode(args) => Some(Task::LearnNode(args.clone())),
             Self::Doctor { .. } => Some(Task::Doctor),
             Self::Up { .. }
             | Self::Serve { .. }

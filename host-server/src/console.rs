@@ -23,6 +23,7 @@ use crawler_records::{Entry, Records, RecordsError};
 use serde_json::Value;
 
 use crate::config::Settings;
+use crate::learn_node::{self, LearnNodeArgs};
 use crate::release::AddArgs;
 use crate::rollout::{self, RolloutArgs};
 use crate::twin::{self, TwinArgs};
@@ -70,6 +71,8 @@ pub enum Task {
     Rollout(RolloutArgs),
     /// Twins of a server that runs.
     Twin(Box<TwinArgs>),
+    /// A node of a training.
+    LearnNode(Box<LearnNodeArgs>),
     /// Who did what.
     Audit(AuditArgs),
     /// Copies everything to one file.
@@ -90,6 +93,7 @@ impl Task {
             Self::AddRelease(args) => return releases::add(&args, settings).await,
             Self::Rollout(args) => return rollout::run(args, settings).await,
             Self::Twin(args) => return twin::ask(&args, settings).await,
+            Self::LearnNode(args) => return learn_node::run(&args, settings).await,
             Self::Audit(args) => return audit::run(args.task, settings).await,
             Self::Backup(args) => backup::backup(&args.file, settings).await?,
             Self::Restore(args) => backup::restore(&args.file, args.replace, settings).await?,

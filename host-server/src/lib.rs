@@ -6,12 +6,13 @@
 //! say.
 //!
 //! Reading order: `run`, `config` and `server`, which starts the parts; `addresses`, where a running server is.
-//! The command line: `cli`, `console`, `release`, `replay`, `twin`, and `rollout`, which speaks to a running server through
+//! The command line: `cli`, `console`, `release`, `replay`, `twin`, `learn_node`, and `rollout`, which speaks to a running server through
 //! `client`. `room` has what robots of an arena may touch, `terminal` asks for passwords, `calendar` has moments as people read them.
 
 pub mod cli;
 pub mod config;
 pub mod console;
+mod learn_node;
 pub mod release;
 pub mod replay;
 pub mod rollout;

@@ -109,20 +109,20 @@ async fn until_told(settings: &Settings) -> Result<(), RunError> {
     Ok(())
 }
 
-struct Signals {
+pub(crate) struct Signals {
     interrupt: Signal,
     terminate: Signal,
 }
 
 impl Signals {
-    fn new() -> std::io::Result<Self> {
+    pub(crate) fn new() -> std::io::Result<Self> {
         Ok(Self {
             interrupt: signal(SignalKind::interrupt())?,
             terminate: signal(SignalKind::terminate())?,
         })
     }
 
-    async fn next(&mut self) -> &'static str {
+    pub(crate) async fn next(&mut self) -> &'static str {
         tokio::select! {
             _ = self.interrupt.recv() => "SIGINT",
             _ = self.terminate.recv() => "SIGTERM",
@@ -130,7 +130,7 @@ impl Signals {
     }
 }
 
-fn log_to_stderr(settings: &Settings) -> Result<(), RunError> {
+pub(crate) fn log_to_stderr(settings: &Settings) -> Result<(), RunError> {
     let filter = EnvFilter::try_new(&settings.log)
         .map_err(|error| RunError::Log(format!("`{}`: {error}", settings.log)))?;
     let log = tracing_subscriber::fmt()

@@ -40,6 +40,7 @@ use crawler_simulations::Simulation;
 use crawler_system::data::Disk;
 use parts::Parts;
 
+pub(crate) use endpoints::BrokerSession;
 pub use robots::Robots;
 pub use start_error::StartError;
 pub use worker::WorkerProcess;

@@ -10,6 +10,7 @@ mod conformance;
 mod deploy;
 mod emulated;
 mod examples;
+mod federated;
 mod layering;
 mod mosquitto_clients;
 mod mosquitto_configurations;

@@ -33,6 +33,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use crawler_federation::Broker;
 use crawler_records::{
     EventLevel, Experiment, ExperimentKind, ExperimentState, Records, RecordsError,
 };
@@ -51,8 +52,8 @@ use results::Tally;
 pub use results::{Judged, MetricView, Results, Summary};
 use training::Trainer;
 pub use training::{
-    Asked as TrainingAsked, CurvePoint, Outcome as TrainingOutcome, Score as TrainingScore,
-    TrainingFile, train,
+    Asked as TrainingAsked, AskedNodes, CurvePoint, NodeView, NodesView, Outcome as TrainingOutcome,
+    Score as TrainingScore, TrainingFile, train,
 };
 pub use worker::{BUILD, TRAINING_BUILD, Worker, machine, work};
 
@@ -171,8 +172,10 @@ impl Experiments {
     /// Nothing runs before [`Experiments::begin`]; then so many `threads` run trials, half as many as there are
     /// processors when nobody says. `owner` is how this server is called in `records`, `name` how people know it among
     /// those who work on experiments, and `tasks` is what it waits for before it ends. `folder` is for the files of
-    /// trainings.
+    /// trainings, whose nodes are met at the `broker`.
     #[must_use]
+    // Each is another thing.
+    #[expect(clippy::too_many_arguments)]
     pub fn new(
         records: Records,
         folder: PathBuf,
@@ -180,6 +183,7 @@ impl Experiments {
         name: &str,
         threads: Option<NonZeroU8>,
         tasks: TaskTracker,
+        broker: Option<Broker>,
         tell: Tell,
     ) -> Self {
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
@@ -191,6 +195,7 @@ impl Experiments {
             trainer: Trainer::new(
                 folder,
                 NonZeroUsize::new(threads).unwrap_or(NonZeroUsize::MIN),
+                broker,
             ),
             records,
             tell,

@@ -4,25 +4,27 @@
 //! a folder of its own in the data directory, by the same means as `terracrawler train`, and comes to the same bytes:
 //! whoever is killed goes on from the last checkpoint. One training runs at a time, and others wait.
 //!
-//! Reading order: `asked`, what a training is to be; `told`, what is said of it; `job`, the thread that learns;
-//! `keeper`, which has it run, stand and end as the records say.
+//! Reading order: `asked`, what a training is to be; `told`, what is said of it; `learning`, by itself or by nodes at the broker; `job`, the
+//! thread that learns; `keeper`, which has it run, stand and end as the records say.
 
 mod asked;
 mod job;
 mod keeper;
+mod learning;
 mod told;
 
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use crawler_federation::Broker;
 use crawler_records::Experiment;
 use tokio::sync::Notify;
 
-pub use asked::Asked;
+pub use asked::{Asked, AskedNodes};
 pub(super) use asked::read;
 pub use keeper::train;
-pub use told::{CurvePoint, Outcome, Score, TrainingFile};
+pub use told::{CurvePoint, NodeView, NodesView, Outcome, Score, TrainingFile};
 
 use job::Job;
 
@@ -32,6 +34,8 @@ pub(super) struct Trainer {
     /// A folder for each training is in here.
     folder: PathBuf,
     threads: NonZeroUsize,
+    /// Where nodes are met.
+    broker: Option<Broker>,
     /// Something may have changed in the records.
     changed: Notify,
     /// What is being trained.
@@ -39,10 +43,11 @@ pub(super) struct Trainer {
 }
 
 impl Trainer {
-    pub(super) fn new(folder: PathBuf, threads: NonZeroUsize) -> Self {
+    pub(super) fn new(folder: PathBuf, threads: NonZeroUsize, broker: Option<Broker>) -> Self {
         Self {
             folder,
             threads,
+            broker,
             changed: Notify::new(),
             now: Mutex::default(),
         }

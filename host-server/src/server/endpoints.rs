@@ -9,6 +9,7 @@ use super::StartError;
 use crate::config::{Broker, BrokerUrl, Settings};
 use crawler_accounts::Accounts as People;
 use crawler_broker::{Accounts, EmbeddedBroker, Open, RecordAccounts};
+use crawler_federation::{LARGEST_PACKET, SessionOptions};
 use crawler_fleet::bus::{Target, bracketed};
 use crawler_records::audit_log::Notes;
 use crawler_server_tls::{Certificates, TlsHandshake, Tunnel, reachable};
@@ -182,4 +183,40 @@ pub(super) fn for_robots(
 /// A session of our own with an outside broker.
 pub(super) fn outside(url: &BrokerUrl) -> Result<Target, StartError> {
     Target::outside(url).map_err(|_| StartError::Internal("no randomness"))
+}
+
+/// A session with an outside broker, for who is no server.
+pub(crate) struct BrokerSession {
+    target: Target,
+    tunnel: Option<Tunnel>,
+}
+
+impl BrokerSession {
+    /// For a client of this id. With TLS the way there is opened.
+    ///
+    /// # Errors
+    /// [`StartError::BrokerUnreachable`] when the authority cannot be read.
+    pub(crate) async fn open(
+        settings: &Settings,
+        broker: &BrokerUrl,
+        client_id: &str,
+    ) -> Result<Self, StartError> {
+        let tunnel = open_tunnel(settings, broker).await?;
+        let inside = tunnel.as_ref().map_or(broker, Tunnel::inside);
+        let mut target = outside(inside)?;
+        client_id.clone_into(&mut target.client_id);
+        Ok(Self { target, tunnel })
+    }
+
+    /// Its options; packets are as large as the session allows.
+    pub(crate) fn options(&self) -> SessionOptions {
+        self.target.options(LARGEST_PACKET)
+    }
+
+    /// Closes the way there.
+    pub(crate) async fn end(self) {
+        if let Some(tunnel) = self.tunnel {
+            tunnel.stop().await;
+        }
+    }
 }

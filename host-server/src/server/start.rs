@@ -28,6 +28,7 @@ use crate::config::{BrokerUrl, KeyFiles, Role, Settings};
 use crawler_broker::BrokerHandle;
 use crawler_counterfactuals::{Counterfactuals, Parts as CounterfactualParts};
 use crawler_experiments::{self as experiments, Experiments, Tell};
+use crawler_federation::{Broker as LearningBroker, LARGEST_PACKET};
 use crawler_fleet::bus::{self, Connection, Target};
 use crawler_fleet::enforcement::{self, Enforcer, Stops};
 use crawler_fleet::{Level, SharedFleet};
@@ -78,7 +79,7 @@ pub(super) async fn start(
     let rollouts = roll_out(settings, &storage, &hub, &owner, &session, parts)?;
     simulate(settings, &storage, &hub, &link.inside, parts).await?;
     let tasks = TaskTracker::new();
-    let experiments = experiment(settings, &storage, &hub, owner, &tasks, parts)?;
+    let experiments = experiment(settings, &storage, &hub, owner, &session, &tasks, parts)?;
     // They end while robots can still be told to stop.
     let own = Arc::clone(&calibrations);
     parts.end_with(async move { own.end().await })?;
@@ -287,6 +288,7 @@ fn experiment(
     storage: &Storage,
     hub: &Hub,
     owner: String,
+    session: &Target,
     tasks: &TaskTracker,
     parts: &mut Parts,
 ) -> Result<Arc<Experiments>, StartError> {
@@ -297,6 +299,11 @@ fn experiment(
         &settings.worker_name(),
         settings.experiment_threads,
         tasks.clone(),
+        Some(LearningBroker {
+            session: session.clone().beside("learn").options(LARGEST_PACKET),
+            fleet: settings.fleet.clone(),
+            runtime: tokio::runtime::Handle::current(),
+        }),
         tell_of_server(tell_in(Arc::clone(&hub.fleet))),
     ));
     let own = Arc::clone(&experiments);

@@ -6,8 +6,8 @@ use utoipa::ToSchema;
 
 use crate::problem::Problem;
 use crawler_experiments::{
-    AtWork, CurvePoint, Experiments, Judged, MetricView, Recipe, Results, Summary, TrainingAsked,
-    TrainingFile, TrainingScore,
+    AskedNodes, AtWork, CurvePoint, Experiments, Judged, MetricView, NodesView, Recipe, Results,
+    Summary, TrainingAsked, TrainingFile, TrainingScore,
 };
 
 /// An experiment to be made, of either kind.
@@ -173,6 +173,10 @@ pub(crate) struct TrainingView {
     left_s: Option<f64>,
     /// Whether all is learned, and the policy is being judged.
     judging: bool,
+    /// How nodes learn it; `null` where the server does.
+    federated: Option<AskedNodes>,
+    /// What nodes are at; `null` where the server learns, and while it stands.
+    nodes: Option<NodesView>,
     /// The last round; `null` before the first.
     last: Option<CurvePoint>,
     /// What its policy came to; `null` before it is over.
@@ -202,6 +206,8 @@ impl TrainingView {
                 .filter(|_| learns && rounds > 0)
                 .map(|rate| left / rate),
             judging: outcome.judging,
+            federated: asked.nodes.clone(),
+            nodes: outcome.nodes,
             last: outcome.last,
             score: outcome.score,
             files: Vec::new(),

@@ -2,12 +2,17 @@
 
 use std::error::Error;
 use std::fmt;
+use std::time::Duration;
 
+use crawler_federated::Aggregation;
+use crawler_federated::coordinator::MOST_NODES;
+use crawler_learning::federated::Together;
 use crawler_learning::{Options, Spread};
 use crawler_records::MAX_SEEDS;
 use crawler_sim::scenario::{Scenario, ScenarioError};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+use utoipa::ToSchema;
 
 use crate::recipe::{FieldError, Form, MAX_SEED, TEXT, WHOLE, YES_OR_NO};
 use crate::scenarios::Randomisation;
@@ -24,10 +29,12 @@ const MAX_WORLDS: u64 = 256;
 const UNITS: std::ops::RangeInclusive<u64> = 4..=64;
 /// Most rounds: the curve stays within a megabyte.
 const MAX_ROUNDS: u64 = 10_000;
+/// Longest time that nodes are waited for, in seconds.
+const MAX_DEADLINE_S: u64 = 3_600;
 const _: () = assert!(MAX_ROUNDS <= MAX_SEEDS as u64);
 
 /// What was asked for.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Asked {
     /// Name of the algorithm.
     pub algorithm: String,
@@ -37,7 +44,7 @@ pub struct Asked {
     pub seed: u64,
     /// Decisions of all robots to learn from.
     pub steps: u64,
-    /// Worlds side by side.
+    /// Worlds side by side; where nodes learn, on each of them.
     pub worlds: u32,
     /// Units of both hidden layers.
     pub units: u32,
@@ -45,6 +52,36 @@ pub struct Asked {
     pub own_critic: bool,
     /// Name of a profile.
     pub randomisation: String,
+    /// The nodes that learn, where the server does not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub nodes: Option<AskedNodes>,
+}
+
+/// How nodes are to learn together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = TrainingByNodes)]
+pub struct AskedNodes {
+    /// How many are expected.
+    pub count: usize,
+    /// So many have to answer a round.
+    pub quorum: usize,
+    /// How long the others are waited for, in seconds.
+    pub deadline_s: u64,
+    /// Name of a rule by which updates become one.
+    pub aggregation: String,
+    /// Part of the step before that is taken again.
+    pub momentum: f32,
+    /// How strongly each is pulled back to what all have.
+    pub proximal: f32,
+}
+
+/// By what a training learns.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Means {
+    /// By itself.
+    Alone(Options),
+    /// By nodes at the broker.
+    Together(Together),
 }
 
 /// A training to be made.
@@ -61,9 +98,14 @@ pub(crate) struct Wanted {
 /// # Errors
 /// Every field that is wrong, and how.
 pub(crate) fn read(fields: Map<String, Value>) -> Result<Wanted, Vec<FieldError>> {
-    let usual = Options::default();
     let mut form = Form::new(fields);
     let name = form.name();
+    let nodes = nodes(&mut form);
+    let usual = if nodes.is_some() {
+        Together::default().options
+    } else {
+        Options::default()
+    };
     for (field, only) in [("algorithm", ALGORITHM), ("task", TASK)] {
         let named: Option<String> = form.take(field, TEXT);
         if named.is_some_and(|named| named != only) {
@@ -97,6 +139,7 @@ pub(crate) fn read(fields: Map<String, Value>) -> Result<Wanted, Vec<FieldError>
         units: units as u32,
         own_critic,
         randomisation,
+        nodes,
     };
     let rounds = asked.rounds();
     if rounds > MAX_ROUNDS {
@@ -115,6 +158,55 @@ pub(crate) fn read(fields: Map<String, Value>) -> Result<Wanted, Vec<FieldError>
     })
 }
 
+/// Fields of how nodes learn, beside their number.
+const OF_NODES: [&str; 5] = [
+    "quorum",
+    "deadline_s",
+    "aggregation",
+    "momentum",
+    "proximal",
+];
+
+/// Reads by which nodes it is to be learned, if by any.
+fn nodes(form: &mut Form) -> Option<AskedNodes> {
+    let Some(count) = form.take::<u64>("nodes", WHOLE) else {
+        for field in OF_NODES {
+            if form.take::<Value>(field, "").is_some() {
+                form.wrong(field, "is of a training by nodes: say how many `nodes`");
+            }
+        }
+        return None;
+    };
+    let usual = Together::default();
+    let count = form
+        .number("nodes", Some(count), 1, MOST_NODES as u64)
+        .unwrap_or(1);
+    let quorum = form.take("quorum", WHOLE);
+    let quorum = form.number("quorum", quorum, 1, count);
+    let deadline = form.take("deadline_s", WHOLE);
+    let deadline = form.number("deadline_s", deadline, 1, MAX_DEADLINE_S);
+    let aggregation: Option<String> = form.take("aggregation", TEXT);
+    if let Some(Err(error)) = aggregation.as_deref().map(str::parse::<Aggregation>) {
+        form.wrong("aggregation", format!("must be {error}"));
+    }
+    let mut share = |field: &str, most: f32, usual: f32| {
+        let number = form.take::<f32>(field, "must be a number");
+        if number.is_some_and(|number| !(0.0..=most).contains(&number)) {
+            form.wrong(field, format!("must be 0 to {most}"));
+        }
+        number.unwrap_or(usual)
+    };
+    Some(AskedNodes {
+        // More than half, where nobody says.
+        quorum: quorum.unwrap_or(count / 2 + 1) as usize,
+        count: count as usize,
+        deadline_s: deadline.unwrap_or(usual.deadline.as_secs()),
+        momentum: share("momentum", 0.99, usual.momentum),
+        proximal: share("proximal", 10.0, usual.proximal),
+        aggregation: aggregation.unwrap_or_else(|| usual.aggregation.to_string()),
+    })
+}
+
 /// Why a program cannot train what another one has taken.
 #[derive(Debug)]
 pub(super) enum Untrainable {
@@ -122,6 +214,8 @@ pub(super) enum Untrainable {
     Task(String, String),
     /// It knows no such randomisation.
     Randomisation(String),
+    /// It knows no such rule for updates.
+    Aggregation(String),
     /// The scenario of the task is not sound.
     Scenario(ScenarioError),
 }
@@ -130,7 +224,9 @@ impl fmt::Display for Untrainable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Task(algorithm, task) => write!(f, "it knows no {algorithm} for {task}"),
-            Self::Randomisation(name) => write!(f, "it knows no {name}"),
+            Self::Randomisation(name) | Self::Aggregation(name) => {
+                write!(f, "it knows no {name}")
+            }
             Self::Scenario(error) => error.fmt(f),
         }
     }
@@ -139,7 +235,7 @@ impl fmt::Display for Untrainable {
 impl Error for Untrainable {
     fn source(&self) -> Option<&(dyn Error + 'static)> {
         match self {
-            Self::Task(..) | Self::Randomisation(_) => None,
+            Self::Task(..) | Self::Randomisation(_) | Self::Aggregation(_) => None,
             Self::Scenario(error) => Some(error),
         }
     }
@@ -157,7 +253,27 @@ impl Asked {
         }
     }
 
-    /// The worlds to learn in.
+    /// By what it is learned.
+    ///
+    /// # Errors
+    /// Why this program cannot train it, which the one that took it could.
+    pub(super) fn means(&self) -> Result<Means, Untrainable> {
+        let Some(nodes) = &self.nodes else {
+            return Ok(Means::Alone(self.options()));
+        };
+        let unknown = |_| Untrainable::Aggregation(nodes.aggregation.clone());
+        Ok(Means::Together(Together {
+            options: self.options(),
+            nodes: nodes.count,
+            quorum: nodes.quorum,
+            deadline: Duration::from_secs(nodes.deadline_s),
+            aggregation: nodes.aggregation.parse().map_err(unknown)?,
+            momentum: nodes.momentum,
+            proximal: nodes.proximal,
+        }))
+    }
+
+    /// The worlds to learn in; where nodes learn, those that the policy is judged in.
     ///
     /// # Errors
     /// Why this program cannot train it, which the one that took it could.
@@ -180,12 +296,18 @@ impl Asked {
     }
 
     fn rounds(&self) -> u64 {
-        self.options().rounds(self.robots())
+        match self.means() {
+            Ok(Means::Together(together)) => together.rounds(self.robots()),
+            Ok(Means::Alone(_)) | Err(_) => self.options().rounds(self.robots()),
+        }
     }
 
-    /// The command line that comes to the same bytes.
+    /// The command line that comes to the same bytes; of a training by nodes, the one that makes a node.
     #[must_use]
     pub fn command(&self) -> String {
+        if self.nodes.is_some() {
+            return "terracrawler learn-node --broker mqtt://HOST:1883 --name NAME".to_owned();
+        }
         let Self {
             seed,
             steps,
@@ -268,6 +390,45 @@ mod tests {
         );
         let errors = read(fields(body(3_840_001))).expect_err("one round too many");
         assert_eq!((errors.len(), errors[0].pointer.as_str()), (1, "/steps"));
+    }
+
+    #[test]
+    fn nodes_are_asked_for_by_their_number() {
+        let body = json!({ "name": "x", "nodes": 8, "aggregation": "median", "momentum": 0.5 });
+        let wanted = read(fields(body)).expect("fine");
+        let asked = wanted.asked.nodes.clone().expect("nodes");
+        assert_eq!((asked.count, asked.quorum, asked.deadline_s), (8, 5, 60));
+        assert_eq!(wanted.asked.worlds, 8);
+        assert_eq!(wanted.rounds, 163);
+        let Ok(Means::Together(together)) = wanted.asked.means() else {
+            unreachable!("nodes");
+        };
+        assert_eq!(together.aggregation, Aggregation::Median);
+        together.settings(3).validate().expect("a run");
+        let text = serde_json::to_string(&wanted.asked).expect("written");
+        let again: Asked = serde_json::from_str(&text).expect("read");
+        assert_eq!(again, wanted.asked);
+
+        let body = json!({
+            "name": "x", "nodes": 4, "quorum": 5, "deadline_s": 0, "aggregation": "most", "momentum": 1, "proximal": -1,
+        });
+        let errors = read(fields(body)).expect_err("all of it");
+        let pointers: Vec<&str> = errors.iter().map(|error| error.pointer.as_str()).collect();
+        assert_eq!(
+            pointers,
+            [
+                "/quorum",
+                "/deadline_s",
+                "/aggregation",
+                "/momentum",
+                "/proximal"
+            ]
+        );
+        for field in OF_NODES {
+            let errors = read(fields(json!({ "name": "x", field: 1 }))).expect_err("without nodes");
+            assert_eq!(errors[0].pointer, format!("/{field}"));
+        }
+        assert!(read(fields(json!({ "name": "x", "nodes": 65 }))).is_err());
     }
 
     proptest! {

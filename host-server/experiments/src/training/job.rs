@@ -7,13 +7,16 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use crawler_learning::{Options, Run, RunError};
+use crawler_federation::Broker;
+use crawler_learning::RunError;
 use crawler_records::Experiment;
 use crawler_sim::scenario::Scenario;
 use crawler_system::data::make_private;
 use crawler_system::process::give_way;
 
-use super::told::{CurvePoint, Outcome, SO_FAR, Score};
+use super::asked::Means;
+use super::learning::{Learning, Step};
+use super::told::{CurvePoint, NodesView, Outcome, SO_FAR, Score};
 use crate::worker::TRAINING_BUILD;
 
 /// Says which program began a training.
@@ -38,12 +41,17 @@ struct Progress {
     points: Vec<CurvePoint>,
     rate: Option<f64>,
     judging: bool,
+    nodes: Option<NodesView>,
 }
 
 /// What is to be learned, and where.
 #[derive(Debug)]
 pub(super) struct Work {
-    pub(super) options: Options,
+    pub(super) means: Means,
+    /// Names the run to nodes.
+    pub(super) id: u64,
+    /// Where nodes are met.
+    pub(super) broker: Option<Broker>,
     pub(super) scenario: Scenario,
     pub(super) folder: PathBuf,
     pub(super) threads: NonZeroUsize,
@@ -79,6 +87,7 @@ impl Job {
         }
         outcome.rate = progress.rate;
         outcome.judging = progress.judging;
+        outcome.nodes.clone_from(&progress.nodes);
     }
 
     pub(super) fn with_points<T>(&self, look: impl FnOnce(&[CurvePoint]) -> T) -> T {
@@ -94,22 +103,30 @@ impl Job {
             tracing::warn!(%error, "a training does not give way to other threads");
         }
         prepare(&work)?;
-        let mut run = Run::open(&work.options, &work.folder, work.scenario, work.threads)?;
+        let mut run = Learning::open(&work)?;
         self.progress().points = CurvePoint::all(run.curve());
-        self.kept.store(run.rounds().0, Ordering::Relaxed);
+        self.kept.store(run.rounds(), Ordering::Relaxed);
+        let mut began = Instant::now();
         loop {
             if self.stop.load(Ordering::Relaxed) {
-                if run.rounds().0 > self.kept.load(Ordering::Relaxed) {
+                if run.rounds() > self.kept.load(Ordering::Relaxed) {
                     run.keep()?;
                     self.keep(&run, &work.folder)?;
                 }
+                run.stand();
                 return Ok(None);
             }
-            let (began, before) = (Instant::now(), self.steps());
-            let Some(line) = run.round()? else {
-                break;
+            let before = self.steps();
+            let line = match run.step()? {
+                Step::Waits(nodes) => {
+                    self.progress().nodes = Some(nodes);
+                    continue;
+                }
+                Step::Round(line) => line,
+                Step::Over => break,
             };
             let fresh = (line.steps - before) as f64 / began.elapsed().as_secs_f64().max(1e-6);
+            began = Instant::now();
             {
                 let mut progress = self.progress();
                 progress.points.push(CurvePoint::of(&line));
@@ -117,14 +134,16 @@ impl Job {
                     .rate
                     .map_or(fresh, |rate| rate + FRESH * (fresh - rate));
                 progress.rate = Some(rate);
+                progress.nodes = run.nodes();
             }
-            if line.is_kept() {
+            if run.is_kept(&line) {
                 self.keep(&run, &work.folder)?;
             }
         }
         self.progress().judging = true;
         let summary = run.finish()?;
-        self.kept.store(run.rounds().0, Ordering::Relaxed);
+        self.kept.store(run.rounds(), Ordering::Relaxed);
+        run.end();
         Ok(Some(Score::of(&summary)))
     }
 
@@ -133,9 +152,9 @@ impl Job {
     }
 
     /// Puts the policy of a checkpoint beside it.
-    fn keep(&self, run: &Run, folder: &Path) -> Result<(), RunError> {
+    fn keep(&self, run: &Learning, folder: &Path) -> Result<(), RunError> {
         write(&folder.join(SO_FAR), &run.so_far()?)?;
-        self.kept.store(run.rounds().0, Ordering::Relaxed);
+        self.kept.store(run.rounds(), Ordering::Relaxed);
         Ok(())
     }
 }

@@ -278,7 +278,10 @@ fn start(experiments: &Experiments, training: Experiment) -> Result<Current, Tra
     }
     let asked: Asked = serde_json::from_str(&training.recipe).map_err(TrainingError::Unreadable)?;
     let work = Work {
-        options: asked.options(),
+        means: asked.means().map_err(TrainingError::Asked)?,
+        // Numbers of experiments begin with 1.
+        id: training.id.unsigned_abs(),
+        broker: experiments.trainer.broker.clone(),
         scenario: asked.scenario().map_err(TrainingError::Asked)?,
         folder: experiments.trainer.folder_of(&training),
         threads: experiments.trainer.threads,

@@ -4,6 +4,8 @@ use std::fs;
 use std::io::{self, Read as _};
 use std::path::Path;
 
+use crawler_federated::Coordinator;
+use crawler_federated::coordinator::{Part, Round};
 use crawler_learning::{EVENTS, JUDGED, Judged, Line, Summary};
 use crawler_records::{Experiment, ExperimentKind, ExperimentState};
 use crawler_sim::evaluate::of_share;
@@ -141,9 +143,79 @@ pub struct Outcome {
     /// Whether all is learned and the policy is being judged.
     #[serde(skip)]
     pub judging: bool,
+    /// What nodes are at, where nodes learn and it runs.
+    #[serde(skip)]
+    pub nodes: Option<NodesView>,
     /// How many rounds there are.
     #[serde(skip)]
     pub rounds: u64,
+}
+
+/// What the nodes of a training are at.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = TrainingNodes)]
+pub struct NodesView {
+    /// How many are expected.
+    pub expected: usize,
+    /// How many have to answer a round.
+    pub quorum: usize,
+    /// Who has answered the round under way.
+    pub answered: Vec<String>,
+    /// Those of the last round; empty before there was one since the server started.
+    pub last: Vec<NodeView>,
+    /// Updates that were taken, in the whole training.
+    pub taken: u64,
+    /// Updates that came twice.
+    pub doubled: u64,
+    /// Updates that came after their round.
+    pub late: u64,
+    /// Messages that were no updates, or of none that was asked for.
+    pub refused: u64,
+}
+
+/// What a node said of a round.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = TrainingNode)]
+pub struct NodeView {
+    /// Its name.
+    pub node: String,
+    /// Decisions that it learned from.
+    pub decisions: u32,
+    /// Episodes that came to an end there.
+    pub episodes: u32,
+    /// Share of them that succeeded; `null` where none ended.
+    pub success: Option<f32>,
+    /// Their mean reward; `null` where none ended.
+    pub reward: Option<f32>,
+    /// How far it would move the weights: the length of its update.
+    pub step: f64,
+}
+
+impl NodesView {
+    pub(super) fn of(coordinator: &Coordinator, last: Option<&Round>) -> Self {
+        let (settings, counts) = (coordinator.settings(), coordinator.counts());
+        let node = |part: &Part| {
+            let ended = |number: f32| (part.report.episodes > 0).then_some(number);
+            NodeView {
+                node: part.node.clone(),
+                decisions: part.report.samples,
+                episodes: part.report.episodes,
+                success: ended(part.report.success),
+                reward: ended(part.report.reward),
+                step: part.step,
+            }
+        };
+        Self {
+            expected: settings.nodes,
+            quorum: settings.quorum,
+            answered: coordinator.answered().map(str::to_owned).collect(),
+            last: last.map_or_else(Vec::new, |round| round.nodes.iter().map(node).collect()),
+            taken: counts.taken,
+            doubled: counts.doubled,
+            late: counts.late,
+            refused: counts.refused,
+        }
+    }
 }
 
 /// A file that came of a training.
