@@ -70,7 +70,7 @@ fn credential(data: &[u8]) {
     let (name, secret) = text.split_once('\n').unwrap_or((text, text));
     if let Ok(parsed) = name.parse::<UserName>() {
         assert_eq!(parsed.to_string(), name);
-        assert!(name.len() <= 32 && !name.starts_with("server-"));
+        assert!(name.len() <= 32 && !name.starts_with("server-") && !name.starts_with("learner-"));
         let json = serde_json::to_string(&parsed).expect("a name in JSON");
         assert_eq!(serde_json::from_str(&json).ok(), Some(parsed));
     } else {
@@ -100,17 +100,21 @@ fn filter(data: &[u8]) {
         return;
     };
     let fleet = Fleet::default();
-    let who = match first % 5 {
+    let who = match first % 6 {
         0 => Principal::Robot(RobotId::new("rover-1").expect("an id")),
         1 => Principal::Simulator,
         2 => Principal::User(Role::Viewer),
         3 => Principal::User(Role::Operator),
-        _ => Principal::User(Role::Admin),
+        4 => Principal::User(Role::Admin),
+        _ => Principal::Learner(RobotId::new("desk-1").expect("a name")),
     };
     let (filter, topic) = text.split_once('\n').unwrap_or((text, "swarm/time"));
     if may(&who, Act::Publish, &fleet, filter) {
         assert!(!filter.contains(['+', '#']));
         assert!(filter.starts_with("swarm/"));
+        let learns = matches!(who, Principal::Learner(_));
+        assert_eq!(filter.starts_with("swarm/learn/"), learns);
+        assert!(!learns || filter.ends_with("/update/desk-1"));
     }
     if !may(&who, Act::Subscribe, &fleet, filter) {
         return;

@@ -8,11 +8,12 @@ use serde::{Deserialize, Serialize};
 /// Longest name of an account, in bytes.
 pub const MAX_USER_NAME: usize = 32;
 
-/// First parts of the names that the server and simulators use at the broker.
-const RESERVED: [&str; 2] = ["server", "simulator"];
+/// First parts of the names that the server, simulators and learners use at the broker.
+const RESERVED: [&str; 3] = ["server", "simulator", "learner"];
 
-/// The name of a person's account: `[a-z][a-z0-9._-]{0,31}`, and not one that the server or a
-/// simulator goes by at the broker (`server`, `server-…`, `simulator`, `simulator-…`).
+/// The name of a person's account: `[a-z][a-z0-9._-]{0,31}`, and not one that the server, a
+/// simulator or a learner goes by at the broker (`server`, `server-…`, `simulator`, `simulator-…`, `learner`,
+/// `learner-…`).
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct UserName(String);
@@ -29,7 +30,7 @@ pub enum UserNameError {
     First,
     /// A character outside the alphabet.
     Alphabet,
-    /// The server or a simulator goes by it.
+    /// The server, a simulator or a learner goes by it.
     Reserved,
 }
 
@@ -40,7 +41,7 @@ impl fmt::Display for UserNameError {
             Self::TooLong => "the name is longer than 32 characters",
             Self::First => "the name must begin with a letter of a-z",
             Self::Alphabet => "the name may have a-z, 0-9, dot, underscore and hyphen only",
-            Self::Reserved => "the name is reserved for the server or a simulator",
+            Self::Reserved => "the name is reserved for the server, a simulator or a learner",
         })
     }
 }

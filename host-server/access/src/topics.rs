@@ -9,7 +9,7 @@ use core::fmt;
 
 use crawler_protocol::{Fleet, RobotId, Topic};
 
-use crate::Role;
+use crate::{LearnTopic, Role};
 
 /// Longest topic or filter that is looked at, in bytes. The contract's longest topic has 80.
 pub const MAX_TOPIC: usize = 256;
@@ -23,6 +23,8 @@ pub enum Principal {
     Robot(RobotId),
     /// The part of a simulator that is no robot: its controls and its overhead camera.
     Simulator,
+    /// A machine of federated learning, by its name without `learner-`.
+    Learner(RobotId),
     /// A person.
     User(Role),
 }
@@ -45,6 +47,8 @@ pub enum Who {
     Robot,
     /// [`Principal::Simulator`].
     Simulator,
+    /// [`Principal::Learner`].
+    Learner,
     /// [`Principal::User`] of this role or a higher one.
     User(Role),
 }
@@ -57,7 +61,7 @@ pub struct Row {
     /// What it allows.
     pub act: Act,
     /// Which topics: a filter in which `{fleet}` and `{own}` stand for the names of the fleet and
-    /// of the robot.
+    /// of the robot or the learner.
     pub topics: &'static str,
     /// Which of these it leaves out, in the same form. Only rows of people do.
     pub but: Option<&'static str>,
@@ -112,6 +116,8 @@ pub const TABLE: &[Row] = &[
     row(Who::Simulator, Publish, "{fleet}/simulator/response", "answers to its controls"),
     row(Who::Simulator, Subscribe, "{fleet}/simulator/#", "its controls"),
     row(Who::Simulator, Subscribe, "{fleet}/time", "the time of the server"),
+    row(Who::Learner, Publish, "{fleet}/learn/+/update/{own}", "what it learned in a round"),
+    row(Who::Learner, Subscribe, "{fleet}/learn/+/round", "rounds of federated learning"),
     row(Who::User(Role::Viewer), Subscribe, "{fleet}/#", "everything of the fleet but updates").without("{fleet}/ota/#"),
     row(Who::User(Role::Operator), Publish, "{fleet}/command/swarm", "commands to all"),
     row(Who::User(Role::Operator), Publish, "{fleet}/command/robot/+", "commands to one robot"),
@@ -123,7 +129,7 @@ pub const TABLE: &[Row] = &[
 /// Whether `who` may do `act` to `topic_or_filter`.
 ///
 /// Where a row has a `+`, only a topic of the contract is published: there must be a robot id in
-/// its place, or the number of a cell, and nothing else.
+/// its place, or the number of a cell, and nothing else. In a learner's row it is the number of a run.
 #[must_use]
 pub fn may(who: &Principal, act: Act, fleet: &Fleet, topic_or_filter: &str) -> bool {
     let text = topic_or_filter;
@@ -131,11 +137,19 @@ pub fn may(who: &Principal, act: Act, fleet: &Fleet, topic_or_filter: &str) -> b
         return false;
     }
     let own = match who {
-        Principal::Robot(own) => Some(own.as_str()),
+        Principal::Robot(own) | Principal::Learner(own) => Some(own.as_str()),
         Principal::Server | Principal::Simulator | Principal::User(_) => None,
     };
     let fills = |row: &Row| {
-        act == Act::Subscribe || !row.topics.contains('+') || Topic::parse(fleet, text).is_ok()
+        if act == Act::Subscribe || !row.topics.contains('+') {
+            return true;
+        }
+        match row.who {
+            Who::Learner => LearnTopic::parse(fleet, text).is_some(),
+            Who::Server | Who::Robot | Who::Simulator | Who::User(_) => {
+                Topic::parse(fleet, text).is_ok()
+            }
+        }
     };
     TABLE
         .iter()
@@ -160,9 +174,12 @@ impl Who {
         match (self, who) {
             (Self::Server, Principal::Server)
             | (Self::Robot, Principal::Robot(_))
-            | (Self::Simulator, Principal::Simulator) => true,
+            | (Self::Simulator, Principal::Simulator)
+            | (Self::Learner, Principal::Learner(_)) => true,
             (Self::User(least), Principal::User(role)) => *role >= least,
-            (Self::Server | Self::Robot | Self::Simulator | Self::User(_), _) => false,
+            (Self::Server | Self::Robot | Self::Simulator | Self::Learner | Self::User(_), _) => {
+                false
+            }
         }
     }
 }
@@ -224,6 +241,7 @@ impl fmt::Display for Who {
             Self::Server => f.pad("server"),
             Self::Robot => f.pad("robot"),
             Self::Simulator => f.pad("simulator"),
+            Self::Learner => f.pad("learner"),
             Self::User(role) => role.fmt(f),
         }
     }

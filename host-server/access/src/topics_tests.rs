@@ -14,11 +14,17 @@ fn robot(id: &str) -> Principal {
     Principal::Robot(RobotId::new(id).expect("an id"))
 }
 
-fn everybody() -> [Principal; 6] {
+/// A learner, which may be called like a robot.
+fn learner(name: &str) -> Principal {
+    Principal::Learner(RobotId::new(name).expect("a name"))
+}
+
+fn everybody() -> [Principal; 7] {
     [
         Principal::Server,
         robot(ME),
         Principal::Simulator,
+        learner(ME),
         Principal::User(Role::Viewer),
         Principal::User(Role::Operator),
         Principal::User(Role::Admin),
@@ -38,7 +44,8 @@ fn is_about(row: &Row, who: &Principal) -> bool {
     match (row.who, who) {
         (Who::Server, Principal::Server)
         | (Who::Robot, Principal::Robot(_))
-        | (Who::Simulator, Principal::Simulator) => true,
+        | (Who::Simulator, Principal::Simulator)
+        | (Who::Learner, Principal::Learner(_)) => true,
         (Who::User(least), Principal::User(role)) => match least {
             Role::Viewer => true,
             Role::Operator => *role != Role::Viewer,
@@ -88,7 +95,10 @@ fn each_row_allows_what_it_says_to_those_it_is_about() {
     for row in TABLE {
         // The server's rows speak of everything; what follows is about those of a fleet.
         let filter = filter_of(row);
-        let topic = filter.replace("+/+", "3/-4").replace('+', "other-1");
+        let topic = filter
+            .replace("+/+", "3/-4")
+            .replace("learn/+", "learn/42")
+            .replace('+', "other-1");
         let topic = topic
             .replace("barn/#", "barn/logs/x")
             .replace('#', "command");
@@ -119,19 +129,19 @@ fn each_row_allows_what_it_says_to_those_it_is_about() {
             }
         }
         if row.topics.contains("{own}") {
-            assert!(
-                !may(&robot("rover-8"), row.act, &fleet(), &topic),
-                "{topic}"
-            );
-            assert!(!may(&robot("rover"), row.act, &fleet(), &topic), "{topic}");
+            for other in ["rover-8", "rover"] {
+                for other in [robot(other), learner(other)] {
+                    assert!(!may(&other, row.act, &fleet(), &topic), "{other:?} {topic}");
+                }
+            }
         }
         assert!(!row.what.is_empty());
     }
 }
 
 /// The policy in another form, so that no row changes by accident: who publishes and who subscribes
-/// each topic of the contract. S server, R the robot itself, X another robot, M simulator, V viewer,
-/// O operator, A admin.
+/// each topic of the contract. S server, R the robot itself, X another robot, M simulator, L a learner of
+/// the robot's name, K another learner, V viewer, O operator, A admin.
 #[test]
 fn each_topic_has_its_publishers_and_subscribers() {
     let expected = [
@@ -155,6 +165,10 @@ fn each_topic_has_its_publishers_and_subscribers() {
         ("simulator/command", "SOA", "SRXMVOA"),
         ("simulator/experiment", "S", "SMVOA"),
         ("simulator/response", "SM", "SMVOA"),
+        ("learn/42/round", "S", "SLKVOA"),
+        ("learn/42/update/rover-7", "SL", "SVOA"),
+        ("learn/42/update/other-1", "S", "SVOA"),
+        ("learn/42/other", "S", "SVOA"),
         ("anything/else", "S", "SVOA"),
     ];
     let all = [
@@ -162,6 +176,8 @@ fn each_topic_has_its_publishers_and_subscribers() {
         ('R', robot(ME)),
         ('X', robot("rover-70")),
         ('M', Principal::Simulator),
+        ('L', learner(ME)),
+        ('K', learner("rover-70")),
         ('V', Principal::User(Role::Viewer)),
         ('O', Principal::User(Role::Operator)),
         ('A', Principal::User(Role::Admin)),
@@ -332,6 +348,84 @@ fn people_have_everything_but_updates() {
 }
 
 #[test]
+fn a_learner_hears_rounds_and_tells_what_it_learned_itself() {
+    let me = learner(ME);
+    for filter in [
+        "barn/learn/+/round",
+        "barn/learn/42/round",
+        "barn/learn/9999999999999999999/round",
+    ] {
+        assert!(subscribes(&me, filter), "{filter}");
+    }
+    for filter in [
+        "barn/#",
+        "barn/+/+/round",
+        "barn/learn/#",
+        "barn/learn/+",
+        "barn/learn/+/+",
+        "barn/learn/+/#",
+        "barn/learn/42/#",
+        "barn/learn/+/round/#",
+        "barn/learn/+/update/+",
+        "barn/learn/+/update/rover-7",
+        "barn/learn/42/update/rover-8",
+        "barn/time",
+        "barn/command/swarm",
+        "barn/command/robot/rover-7",
+    ] {
+        assert!(!subscribes(&me, filter), "{filter}");
+    }
+    for topic in [
+        "barn/learn/0/update/rover-7",
+        "barn/learn/42/update/rover-7",
+        "barn/learn/9999999999999999999/update/rover-7",
+    ] {
+        assert!(publishes(&me, topic), "{topic}");
+    }
+    for topic in [
+        "barn/learn/42/update/rover-8",
+        "barn/learn/42/update/learner-rover-7",
+        "barn/learn/42/update/rover-7/x",
+        "barn/learn/42/update",
+        "barn/learn/42/round",
+        "barn/learn//update/rover-7",
+        "barn/learn/x/update/rover-7",
+        "barn/learn/-1/update/rover-7",
+        "barn/learn/+1/update/rover-7",
+        "barn/learn/1.5/update/rover-7",
+        "barn/learn/10000000000000000000/update/rover-7",
+        "shed/learn/42/update/rover-7",
+        "barn/telemetry/rover-7",
+        "barn/status/rover-7",
+        "barn/response/robot/rover-7",
+    ] {
+        assert!(!publishes(&me, topic), "{topic}");
+    }
+}
+
+#[test]
+fn nobody_else_speaks_of_learning() {
+    for who in everybody() {
+        if matches!(who, Principal::Server | Principal::Learner(_)) {
+            continue;
+        }
+        for topic in [
+            "barn/learn",
+            "barn/learn/42",
+            "barn/learn/42/round",
+            "barn/learn/42/update/rover-7",
+            "barn/learn/42/update/rover-8",
+            "barn/learn/x/update/rover-7",
+        ] {
+            assert!(!publishes(&who, topic), "{who:?} {topic}");
+            // People read everything of the fleet, machines nothing of this.
+            let person = matches!(who, Principal::User(_));
+            assert_eq!(subscribes(&who, topic), person, "{who:?} {topic}");
+        }
+    }
+}
+
+#[test]
 fn what_is_no_topic_is_refused_to_everybody() {
     let long = format!("barn/{}", "a".repeat(MAX_TOPIC));
     for who in everybody() {
@@ -401,6 +495,9 @@ fn some_text() -> impl Strategy<Value = String> {
         "simulator",
         "response",
         "ota",
+        "learn",
+        "round",
+        "update",
         "$share",
         "$SYS",
     ]);

@@ -36,6 +36,7 @@ fn a_name_is_what_the_documents_say() {
         &"a".repeat(32),
         "serverless",
         "simulators",
+        "learners",
     ] {
         assert_eq!(name(text).to_string(), text);
     }
@@ -54,6 +55,8 @@ fn a_name_is_what_the_documents_say() {
         ("server-77", UserNameError::Reserved),
         ("simulator", UserNameError::Reserved),
         ("simulator-desk", UserNameError::Reserved),
+        ("learner", UserNameError::Reserved),
+        ("learner-desk", UserNameError::Reserved),
     ] {
         assert_eq!(text.parse::<UserName>(), Err(error), "{text:?}");
         let json = serde_json::to_string(text).expect("JSON");
