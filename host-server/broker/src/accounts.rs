@@ -13,6 +13,8 @@ pub use records::RecordAccounts;
 
 /// First part of the user names of simulators, and of the client ids of what is no robot in them.
 pub(crate) const SIMULATOR: &str = "simulator-";
+/// First part of the user names of learners, and of their client ids, which are the same.
+pub(crate) const LEARNER: &str = "learner-";
 /// First part of the ids of simulated robots.
 const SIMULATED: &str = "sim-";
 /// First part of the client ids of their cameras.
@@ -40,6 +42,8 @@ pub enum Who {
     Robot(RobotId),
     /// A simulator, with one credential for all of its robots.
     Simulator,
+    /// A machine of federated learning, by its name without `learner-`.
+    Learner(RobotId),
     /// A person.
     User(Role),
 }
@@ -59,7 +63,7 @@ pub(crate) enum Access {
 pub enum Kind {
     /// An account's.
     Person,
-    /// A robot's or a simulator's.
+    /// A robot's, a simulator's or a learner's.
     Machine,
 }
 
@@ -196,9 +200,9 @@ impl Accounts for Open {
 
 /// What `who` may do under a client id.
 ///
-/// A robot goes by its own name only. The robots of a simulator go by names that begin with `sim-`
-/// and belong to no other robot; the rest of a simulator by names that begin with `simulator-` or
-/// `tracker-`. A person takes any name that none of those can have.
+/// A robot goes by its own name only, and so does a learner, with `learner-` before it. The robots of a
+/// simulator go by names that begin with `sim-` and belong to no other robot; the rest of a simulator by
+/// names that begin with `simulator-` or `tracker-`. A person takes any name that none of those can have.
 ///
 /// # Errors
 /// [`Refusal::ClientId`] when the id is not for `who`, and [`Refusal::Records`].
@@ -211,6 +215,9 @@ pub(crate) async fn admit(
     match who {
         Who::Anyone => Ok(Access::Everything),
         Who::Robot(id) if id.as_str() == client_id => Ok(Access::As(Principal::Robot(id))),
+        Who::Learner(name) if client_id.strip_prefix(LEARNER) == Some(name.as_str()) => {
+            Ok(Access::As(Principal::Learner(name)))
+        }
         Who::Simulator | Who::User(_) if accounts.has_credential(client_id).await? => {
             Err(Refusal::ClientId)
         }
@@ -219,10 +226,10 @@ pub(crate) async fn admit(
             let robot = RobotId::new(client_id).map_err(|_| Refusal::ClientId)?;
             Ok(Access::As(Principal::Robot(robot)))
         }
-        Who::User(role) if !begins(&[SIMULATED, SIMULATOR, TRACKER, SERVER]) => {
+        Who::User(role) if !begins(&[SIMULATED, SIMULATOR, LEARNER, TRACKER, SERVER]) => {
             Ok(Access::As(Principal::User(role)))
         }
-        Who::Robot(_) | Who::Simulator | Who::User(_) => Err(Refusal::ClientId),
+        Who::Robot(_) | Who::Simulator | Who::Learner(_) | Who::User(_) => Err(Refusal::ClientId),
     }
 }
 
@@ -252,6 +259,8 @@ mod tests {
     async fn everyone_has_client_ids_of_their_own() {
         let viewer = Who::User(Role::Viewer);
         let wheely = Who::Robot(robot("wheely"));
+        // A learner may be called like a robot.
+        let learner = Who::Learner(robot("wheely"));
         for (who, client_id, expected) in [
             (&wheely, "wheely", Some(Principal::Robot(robot("wheely")))),
             (&wheely, "wheely-2", None),
@@ -270,11 +279,28 @@ mod tests {
             (&Who::Simulator, "wheely", None),
             (&Who::Simulator, "other", None),
             (&Who::Simulator, "server-1", None),
+            (&Who::Simulator, "learner-wheely", None),
+            (&wheely, "learner-wheely", None),
+            (
+                &learner,
+                "learner-wheely",
+                Some(Principal::Learner(robot("wheely"))),
+            ),
+            (&learner, "learner-wheely-2", None),
+            (&learner, "learner-", None),
+            (&learner, "wheely", None),
+            (&learner, "sim-0001", None),
+            (&learner, "simulator-wheely", None),
+            (&learner, "tracker-swarm", None),
+            (&learner, "server-1", None),
+            (&learner, "", None),
             (&viewer, "laptop", Some(Principal::User(Role::Viewer))),
             (&viewer, "wheely", None),
             (&viewer, "sim-0001", None),
             (&viewer, "simulator-7f", None),
             (&viewer, "tracker-swarm", None),
+            (&viewer, "learner-wheely", None),
+            (&viewer, "learner-", None),
             (&viewer, "server-7f", None),
         ] {
             let access = admit(&Two, who.clone(), client_id).await;

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use async_trait::async_trait;
 use crawler_access::topics::Act;
-use crawler_access::{Digest, Secret};
+use crawler_access::{Digest, LearnTopic, Secret};
 use crawler_protocol::{Action, Command, Fleet, MAX_MESSAGE, MAX_OTA, Topic};
 use rmqtt::codec::v5::{PublishAckReason, SubscribeAckReason};
 use rmqtt::context::ServerContext;
@@ -299,12 +299,15 @@ impl Shared {
     }
 
     /// Nothing but images may be longer than a message of the contract, or than a chunk of a release where
-    /// those go: a robot that announced its largest packet would lose its session over one.
+    /// those go: a robot that announced its largest packet would lose its session over one. No robot reads
+    /// messages of federated learning. The server's own sessions are not checked, so its rounds are retained.
     fn check(&self, topic: &str, length: usize, retain: bool) -> Result<(), &'static str> {
+        let learn = LearnTopic::parse(&self.fleet, topic);
         let topic = Topic::parse(&self.fleet, topic);
-        let (most, text) = match topic {
-            Ok(Topic::Image(_)) => (usize::MAX, ""),
-            Ok(Topic::Ota(_)) => (MAX_OTA, "larger than 1100 bytes"),
+        let (most, text) = match (&topic, learn) {
+            (Ok(Topic::Image(_)), _) => (usize::MAX, ""),
+            (Ok(Topic::Ota(_)), _) => (MAX_OTA, "larger than 1100 bytes"),
+            (_, Some(learn)) => (learn.max_payload(), "larger than a message of learning"),
             _ => (MAX_MESSAGE, "larger than 1024 bytes"),
         };
         if length > most {

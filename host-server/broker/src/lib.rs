@@ -145,7 +145,7 @@ impl BrokerHandle {
         self.edge.enter(origin, &self.runtime)
     }
 
-    /// Ends every session of a name: a robot or simulator whose credential was revoked or replaced,
+    /// Ends every session of a name: a robot, simulator or learner whose credential was revoked or replaced,
     /// a person whose role has changed. From now on none of them is heard, and a login that is under
     /// way comes to nothing. Who else has that name stays. Change the records first.
     pub async fn drop_client(&self, kind: Kind, name: &str) {

@@ -1,5 +1,6 @@
 //! What only the server does to its broker: ending sessions, asking how a link is.
 
+mod learners;
 mod updates;
 
 use std::time::Duration;

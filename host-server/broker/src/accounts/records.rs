@@ -10,7 +10,7 @@ use crawler_protocol::RobotId;
 use crawler_records::{Records, RecordsError};
 use tokio::sync::Semaphore;
 
-use super::{Accounts, Login, Refusal, SIMULATOR, Who};
+use super::{Accounts, LEARNER, Login, Refusal, SIMULATOR, Who};
 use crawler_passwords::{Busy, Failures, Hashing};
 use crawler_records::audit_log::{Entry, Notes};
 
@@ -18,7 +18,7 @@ use crawler_records::audit_log::{Entry, Notes};
 /// broker's places for handshakes, and robots need those.
 const QUEUE: usize = 16;
 
-/// Robots and simulators by the digests of their secrets, people by their passwords.
+/// Robots, simulators and learners by the digests of their secrets, people by their passwords.
 pub struct RecordAccounts {
     records: Records,
     failures: Arc<Failures>,
@@ -39,14 +39,19 @@ impl RecordAccounts {
         }
     }
 
-    /// A robot or simulator with this secret. Nothing limits wrong ones: nobody guesses 256 bits,
-    /// and a limit would let a neighbour lock a robot out.
+    /// A robot, simulator or learner with this secret. Nothing limits wrong ones: nobody guesses 256
+    /// bits, and a limit would let a neighbour lock a robot out.
     async fn machine(&self, name: &str, given: &str) -> Result<Option<Who>, Refusal> {
-        let is_simulator = name.starts_with(SIMULATOR);
-        let robot = RobotId::new(name).ok();
-        if !is_simulator && robot.is_none() {
+        let named = if name.starts_with(SIMULATOR) {
+            Some(Who::Simulator)
+        } else if let Some(node) = name.strip_prefix(LEARNER) {
+            RobotId::new(node).ok().map(Who::Learner)
+        } else {
+            RobotId::new(name).ok().map(Who::Robot)
+        };
+        let Some(named) = named else {
             return Ok(None);
-        }
+        };
         let Ok(secret) = given.parse::<Secret>() else {
             return Ok(None);
         };
@@ -60,11 +65,7 @@ impl RecordAccounts {
             // Both, whatever the first says: the time tells nothing.
             known.digest.matches(&secret) & known.revoked.is_none()
         });
-        Ok(match robot {
-            _ if !valid => None,
-            _ if is_simulator => Some(Who::Simulator),
-            robot => robot.map(Who::Robot),
-        })
+        Ok(valid.then_some(named))
     }
 
     /// A person with this password.

@@ -7,15 +7,15 @@ use rumqttc::v5::mqttbytes::v5::{Publish, SubscribeReasonCode};
 use super::*;
 
 /// A client whose packets are looked at one after the other.
-struct Listener {
-    sender: AsyncClient,
+pub(super) struct Listener {
+    pub(super) sender: AsyncClient,
     events: EventLoop,
     /// What has arrived while something else was waited for.
     heard: Vec<Publish>,
 }
 
 impl Listener {
-    async fn connect(options: MqttOptions) -> Self {
+    pub(super) async fn connect(options: MqttOptions) -> Self {
         let (sender, events) = AsyncClient::new(options, 100);
         let mut listener = Self {
             sender,
@@ -30,7 +30,7 @@ impl Listener {
         listener
     }
 
-    async fn wait<T>(&mut self, what: &str, wanted: impl Fn(&Packet) -> Option<T>) -> T {
+    pub(super) async fn wait<T>(&mut self, what: &str, wanted: impl Fn(&Packet) -> Option<T>) -> T {
         loop {
             let event = within(what, self.events.poll()).await;
             let Event::Incoming(packet) = event.expect("a session") else {
@@ -46,7 +46,7 @@ impl Listener {
         }
     }
 
-    async fn subscribe(&mut self, filter: &str) -> bool {
+    pub(super) async fn subscribe(&mut self, filter: &str) -> bool {
         let asked = self.sender.subscribe(filter, QoS::AtLeastOnce).await;
         asked.expect("a session");
         let code = self.wait("a subscription", |packet| match packet {
@@ -56,7 +56,7 @@ impl Listener {
         matches!(code.await, SubscribeReasonCode::Success(_))
     }
 
-    async fn publish(&mut self, topic: &str, payload: &[u8]) -> PubAckReason {
+    pub(super) async fn publish(&mut self, topic: &str, payload: &[u8]) -> PubAckReason {
         let sent = self
             .sender
             .publish(topic, QoS::AtLeastOnce, false, payload.to_vec());
@@ -66,6 +66,22 @@ impl Listener {
             _ => None,
         })
         .await
+    }
+
+    /// The first message on `topic`.
+    pub(super) async fn message(&mut self, topic: &str) -> Publish {
+        let on = |publish: &Publish| publish.topic == topic.as_bytes();
+        if let Some(place) = self.heard.iter().position(on) {
+            return self.heard.remove(place);
+        }
+        let found = self.wait(topic, |packet| match packet {
+            Packet::Publish(publish) if on(publish) => Some(publish.clone()),
+            _ => None,
+        });
+        let found = found.await;
+        // `wait` keeps what it hears.
+        self.heard.pop();
+        found
     }
 
     /// Topics of everything up to the first message on `topic`.
@@ -83,7 +99,7 @@ impl Listener {
 }
 
 impl Bench {
-    async fn person(&self, name: &str, role: Role) {
+    pub(super) async fn person(&self, name: &str, role: Role) {
         let user = User {
             name: name.parse::<UserName>().expect("a name"),
             role,
