@@ -89,7 +89,7 @@ pub enum Command {
     Rollout(RolloutArgs),
     /// Accounts of people
     User(UserArgs),
-    /// Credentials of robots and simulators
+    /// Credentials of robots, simulators and learners
     Robot(RobotArgs),
     /// Who did what
     Audit(AuditArgs),

@@ -95,6 +95,9 @@ pub struct Whose {
     /// A process of simulated robots (`terracrawler sim`) instead of one robot
     #[arg(long, value_parser = robot_id, value_name = "NAME")]
     pub simulator: Option<RobotId>,
+    /// A machine of federated learning (`terracrawler learn-node`) instead of one robot
+    #[arg(long, value_parser = robot_id, value_name = "NAME")]
+    pub learner: Option<RobotId>,
 }
 
 fn robot_id(text: &str) -> Result<RobotId, CliError> {
@@ -114,7 +117,7 @@ pub enum RobotTask {
         #[arg(long, value_name = "ADDRESS")]
         address: Option<String>,
     },
-    /// Lists credentials of robots and simulators
+    /// Lists credentials of robots, simulators and learners
     List,
     /// Makes a robot's secret void
     Revoke {

@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 use clap::{Args, Subcommand};
 use crawler_access::Role;
 use crawler_access::topics::{Act, Row, TABLE, Who};
-use crawler_protocol::{Fleet, Qos, Topic};
+use crawler_protocol::{Fleet, Qos, RobotId, Topic};
 use crawler_system::cli_error::CliError;
 
 use crate::config::{Broker, Common, Settings};
@@ -45,6 +45,9 @@ pub enum MosquittoTask {
         /// Users that simulators log in as
         #[arg(long, value_name = "NAME")]
         simulator: Vec<String>,
+        /// Users that machines of federated learning log in as, `learner-NAME` each
+        #[arg(long, value_name = "NAME")]
+        learner: Vec<String>,
         /// People and programs that see everything
         #[arg(long, value_name = "NAME")]
         viewer: Vec<String>,
@@ -83,6 +86,7 @@ pub(super) fn run(task: &MosquittoTask, settings: &Settings) -> Result<(), CliEr
             server,
             bridge,
             simulator,
+            learner,
             viewer,
             operator,
             ..
@@ -91,6 +95,7 @@ pub(super) fn run(task: &MosquittoTask, settings: &Settings) -> Result<(), CliEr
                 (vec![server.clone()], As::Server),
                 (bridge.clone(), As::Bridge),
                 (simulator.clone(), As::Simulator),
+                (learner.clone(), As::Learner),
                 (viewer.clone(), As::User(Role::Viewer)),
                 (operator.clone(), As::User(Role::Operator)),
             ];
@@ -101,7 +106,7 @@ pub(super) fn run(task: &MosquittoTask, settings: &Settings) -> Result<(), CliEr
     Ok(())
 }
 
-/// A filter of the table for one fleet, with `own` in the place of the robot's id.
+/// A filter of the table for one fleet, with `own` in the place of the robot's id or the learner's name.
 fn filter(topics: &str, fleet: &Fleet, own: &str) -> String {
     let text = topics.replace("{fleet}", fleet.as_str());
     text.replace("{own}", own)
@@ -195,6 +200,8 @@ enum As {
     Bridge,
     /// All robots of a simulator, each in a session of its own, and what controls them.
     Simulator,
+    /// A machine of federated learning.
+    Learner,
     User(Role),
 }
 
@@ -203,10 +210,26 @@ impl As {
         match (self, row.who) {
             (Self::Server, Who::Server)
             | (Self::Bridge | Self::Simulator, Who::Robot)
-            | (Self::Simulator, Who::Simulator) => true,
+            | (Self::Simulator, Who::Simulator)
+            | (Self::Learner, Who::Learner) => true,
             (Self::User(role), Who::User(least)) => role >= least,
             _ => false,
         }
+    }
+
+    /// What stands in the place of `{own}` for the user of that name: every robot's id for those that have
+    /// many robots, and for a learner its own.
+    fn own(self, user: &str) -> Result<String, CliError> {
+        if self != Self::Learner {
+            return Ok("+".to_owned());
+        }
+        let node = user.strip_prefix("learner-").map(RobotId::new);
+        let Some(Ok(node)) = node else {
+            return Err(CliError::new(format!(
+                "{user:?} is no name of a learner: learner- and 1 to 32 of a-z, 0-9 and hyphen"
+            )));
+        };
+        Ok(node.as_str().to_owned())
     }
 }
 
@@ -227,13 +250,14 @@ fn acl(fleet: &Fleet, users: &[(Vec<String>, As)]) -> Result<String, CliError> {
             if name.is_empty() || !name.chars().all(word) {
                 return Err(CliError::new(format!("{name:?} is no name of a user")));
             }
+            let own = kind.own(name)?;
             let _ = writeln!(out, "\nuser {name}");
             for row in TABLE.iter().filter(|row| kind.may(row)) {
-                let topics = filter(row.topics, fleet, "+");
+                let topics = filter(row.topics, fleet, &own);
                 let _ = writeln!(out, "topic {} {topics}", access(row.act));
                 // Mosquitto looks at what is denied first, whatever the order.
                 if let Some(but) = row.but {
-                    let _ = writeln!(out, "topic deny {}", filter(but, fleet, "+"));
+                    let _ = writeln!(out, "topic deny {}", filter(but, fleet, &own));
                 }
             }
         }
@@ -303,6 +327,17 @@ mod tests {
         let denied = eve.lines().any(|line| line == "topic deny swarm/ota/#");
         assert!(denied, "{eve}");
         assert_eq!(text.matches("deny").count(), 1, "{text}");
+        let learners = [(vec!["learner-desk".to_owned()], As::Learner)];
+        let text = acl(&fleet, &learners).expect("text");
+        let desk = text.split("user learner-desk\n").nth(1);
+        assert_eq!(
+            desk,
+            Some("topic write swarm/learn/+/update/desk\ntopic read swarm/learn/+/round\n"),
+            "{text}"
+        );
+        for odd in ["desk", "learner-", "learner-Desk", "learner-desk.1"] {
+            assert!(acl(&fleet, &[(vec![odd.to_owned()], As::Learner)]).is_err());
+        }
         let odd = [(vec!["+".to_owned()], As::Server)];
         assert!(acl(&fleet, &odd).is_err());
     }

@@ -1,4 +1,4 @@
-//! Credentials of robots and of simulators.
+//! Credentials of robots, of simulators and of learners.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -32,11 +32,12 @@ pub(super) async fn run(task: RobotTask, settings: &Settings) -> Result<(), CliE
 
 /// The name at the broker.
 fn name(whose: &Whose) -> String {
-    match (&whose.robot, &whose.simulator) {
-        (Some(robot), _) => robot.as_str().to_owned(),
-        (None, Some(simulator)) => format!("simulator-{}", simulator.as_str()),
-        // The command line has required one of the two.
-        (None, None) => String::new(),
+    match (&whose.robot, &whose.simulator, &whose.learner) {
+        (Some(robot), _, _) => robot.as_str().to_owned(),
+        (None, Some(simulator), _) => format!("simulator-{}", simulator.as_str()),
+        (None, None, Some(learner)) => format!("learner-{}", learner.as_str()),
+        // The command line has required one of the three.
+        (None, None, None) => String::new(),
     }
 }
 
@@ -74,17 +75,17 @@ async fn enroll(
     Ok(())
 }
 
-/// A robot goes by its id at the broker, where the server, simulators and people have names too.
+/// A robot goes by its id at the broker, where the server, simulators, learners and people have names too.
 async fn check_free(console: &Console, robot: &str) -> Result<(), CliError> {
-    let reserved = ["server", "simulator"].iter().any(|word| {
+    let reserved = ["server", "simulator", "learner"].iter().any(|word| {
         robot
             .strip_prefix(word)
             .is_some_and(|rest| rest.is_empty() || rest.starts_with('-'))
     });
     if reserved {
         return Err(CliError::new(format!(
-            "`{robot}` is a name that the server or a simulator goes by at the broker: give the robot \
-             another id, or use --simulator NAME"
+            "`{robot}` is a name that the server, a simulator or a learner goes by at the broker: give the \
+             robot another id, or use --simulator NAME or --learner NAME"
         )));
     }
     if let Ok(name) = robot.parse::<UserName>()
@@ -114,6 +115,15 @@ fn advice(
             text,
             "Start the robots with that address:\n  TERRACRAWLER_BROKER='{url}' terracrawler sim\n"
         )
+    } else if name.starts_with("learner-") {
+        write!(
+            text,
+            "On the machine that learns, put the secret alone into a file that only its user can read, and \
+             start:\n  \
+             terracrawler learn-node --user {name} --password-file FILE\n\n  \
+             Broker  {broker}\n  \
+             Secret  {secret}\n"
+        )
     } else {
         write!(
             text,
@@ -129,7 +139,7 @@ fn advice(
     };
     if broker.is_loopback() {
         text.push_str(
-            "\nThe address is of this machine alone. For robots elsewhere let the broker listen on the \
+            "\nThe address is of this machine alone. For machines elsewhere let the broker listen on the \
              network (--mqtt) and name its address here with --address.\n",
         );
     }

@@ -164,7 +164,7 @@ fn weak_passwords_and_wrong_names_are_refused() {
         place.run(&["user", "add", "bob", "secret"]).status.code(),
         Some(2)
     );
-    for name in ["Bob", "server", "simulator-1", "a b", ""] {
+    for name in ["Bob", "server", "simulator-1", "learner-1", "a b", ""] {
         let output = place.typed(&["user", "add", name], PASSWORD);
         assert_eq!(output.status.code(), Some(2), "{name}");
     }
@@ -231,6 +231,12 @@ fn a_robot_is_enrolled_and_revoked() {
         simulator.starts_with("mqtt://simulator-lab:"),
         "{simulator}"
     );
+    let learner = place.run(&["robot", "enroll", "--learner", "desk"]);
+    let url = done(&learner);
+    assert!(url.starts_with("mqtt://learner-desk:"), "{url}");
+    let advice = String::from_utf8_lossy(&learner.stderr).into_owned();
+    let start = "terracrawler learn-node --user learner-desk --password-file FILE\n";
+    assert!(advice.contains(start), "{advice}");
 
     // Only the digest is kept.
     let kept = std::fs::read(place.path().join("records.sqlite")).expect("records");
@@ -240,12 +246,15 @@ fn a_robot_is_enrolled_and_revoked() {
     assert!(!again.contains(secret), "the same secret twice");
     place.ok(&["robot", "revoke", "rover-1"]);
     place.ok(&["robot", "revoke", "--simulator", "lab"]);
+    place.ok(&["robot", "revoke", "--learner", "desk"]);
     let list = place.ok(&["robot", "list"]);
     assert!(row(&list, "rover-1").contains("revoked"), "{list}");
-    assert!(row(&list, "simulator-lab").contains("revoked"), "{list}");
+    for name in ["simulator-lab", "learner-desk"] {
+        assert!(row(&list, name).contains("revoked"), "{list}");
+    }
 
     // Names that others go by at the broker, and nobody's.
-    for robot in ["ada", "simulator-lab", "server-1"] {
+    for robot in ["ada", "simulator-lab", "server-1", "learner-desk"] {
         place.refused(&["robot", "enroll", robot]);
     }
     place.refused(&["robot", "revoke", "stranger"]);
@@ -254,6 +263,8 @@ fn a_robot_is_enrolled_and_revoked() {
         &["robot", "enroll", "Rover"],
         &["robot", "enroll", "a/b"],
         &["robot", "enroll", "rover-2", "--simulator", "lab"],
+        &["robot", "enroll", "rover-2", "--learner", "desk"],
+        &["robot", "enroll", "--simulator", "lab", "--learner", "desk"],
     ] {
         assert_eq!(place.run(arguments).status.code(), Some(2), "{arguments:?}");
     }

@@ -261,6 +261,7 @@ async fn nobody_takes_over_who_somebody_else_is() {
     let eve = closed.enroll("eve").await;
     let lab = closed.enroll("simulator-lab").await;
     let zoo = closed.enroll("simulator-zoo").await;
+    let desk = closed.enroll("learner-desk").await;
     for name in ["ada", "bob"] {
         closed.person(name, Role::Admin).await;
     }
@@ -280,6 +281,13 @@ async fn nobody_takes_over_who_somebody_else_is() {
         ("eve", "simulator-lab", &lab),
         ("laptop", "simulator-lab", &lab),
         ("sim-0001", "simulator-zoo", &zoo),
+        ("learner-desk", "simulator-lab", &lab),
+        ("learner-desk", "eve", &eve),
+        ("learner-shelf", "learner-desk", &desk),
+        ("desk", "learner-desk", &desk),
+        ("sim-0002", "learner-desk", &desk),
+        ("learner-desk", "ada", PASSWORD),
+        ("learner-shelf", "ada", PASSWORD),
         ("rover-1", "ada", PASSWORD),
         ("eve", "ada", PASSWORD),
         ("sim-0009", "ada", PASSWORD),

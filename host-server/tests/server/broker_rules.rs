@@ -35,6 +35,13 @@ impl Everybody {
                 None,
                 closed.connect("simulator-1", "simulator-lab", &lab).await,
             ),
+            // Of the same name as the robot, and another.
+            (
+                "learner",
+                Who::Learner,
+                Some("rover-1"),
+                closed.robot("learner-rover-1").await,
+            ),
         ];
         for (name, role) in [
             ("viewer", Role::Viewer),
@@ -66,6 +73,7 @@ fn topics(row: &Row, own: &str) -> String {
 /// A topic that is among them.
 fn example(filter: &str) -> String {
     let filter = filter.replace("cell/+/+", "cell/-3/14");
+    let filter = filter.replace("learn/+", "learn/42");
     filter.replace('+', "rover-1").replace('#', "command")
 }
 
