@@ -1,4 +1,4 @@
-//! What robots and simulators log in to the broker with.
+//! What robots, simulators and learners log in to the broker with.
 
 use axum::Json;
 use axum::extract::{Path, State};
@@ -24,7 +24,7 @@ use crawler_system::clock::now_ms;
 #[derive(Serialize, ToSchema)]
 #[schema(as = Credential)]
 pub(super) struct CredentialView {
-    /// The robot, or `simulator-…`.
+    /// The robot, `simulator-…`, or `learner-…`.
     robot: String,
     /// When it was made, in Unix milliseconds.
     created: i64,
@@ -63,7 +63,7 @@ pub(super) async fn list(State(records): State<Records>) -> Result<Json<Credenti
 #[derive(Serialize, ToSchema)]
 #[schema(as = NewCredential)]
 pub(super) struct NewCredentialView {
-    /// The robot, or `simulator-…`.
+    /// The robot, `simulator-…`, or `learner-…`.
     robot: String,
     /// Its password at the broker. It is shown here and nowhere else.
     secret: String,
@@ -102,7 +102,7 @@ fn address(
     )
 }
 
-/// Who may have a credential: a robot, or a simulator, whose names are robots' names too.
+/// Who may have a credential: a robot, a simulator or a learner, whose names are robots' names too.
 fn named(name: &str) -> Result<RobotId, Problem> {
     RobotId::new(name).map_err(|_| {
         let error = FieldError::of_parameter("id", "must be 1 to 32 of a-z, 0-9 and hyphen");
@@ -116,11 +116,12 @@ fn named(name: &str) -> Result<RobotId, Problem> {
 
 /// Gives a robot its secret
 ///
-/// `simulator-NAME` enrols a simulator, whose one secret is good for all robots in it. One that had
-/// a secret gets another, and its connection to an embedded broker ends.
+/// `simulator-NAME` enrols a simulator, whose one secret is good for all robots in it, and
+/// `learner-NAME` a machine of federated learning. One that had a secret gets another, and its
+/// connection to an embedded broker ends.
 #[utoipa::path(post, path = "/robots/{id}/credential", tag = "accounts",
     params(("id" = String, Path, pattern = "^[a-z0-9-]{1,32}$",
-        description = "Robot id, or `simulator-…`")),
+        description = "Robot id, `simulator-…`, or `learner-…`")),
     responses(
         (status = 201, description = "Enrolled; the secret is shown this once",
             body = NewCredentialView),
@@ -170,7 +171,7 @@ pub(super) async fn enrol(
 ///
 /// Its connection to an embedded broker ends at once.
 #[utoipa::path(delete, path = "/robots/{id}/credential", tag = "accounts",
-    params(("id" = String, Path, description = "Robot id, or `simulator-…`")),
+    params(("id" = String, Path, description = "Robot id, `simulator-…`, or `learner-…`")),
     responses(
         (status = 204, description = "Revoked"),
         (status = 404, description = "It has none")))]

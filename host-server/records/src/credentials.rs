@@ -17,7 +17,7 @@ const MAX_BY: usize = 64;
 /// The credential of a robot or a simulator.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Credential {
-    /// Whose it is: a robot's id, or `simulator-` and a name.
+    /// Whose it is: a robot's id, or `simulator-` or `learner-` and a name.
     pub name: String,
     /// Digest of its secret.
     pub digest: Digest,

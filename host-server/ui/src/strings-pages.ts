@@ -97,7 +97,8 @@ export const words = {
     lead: 'Each robot proves who it is with a key of its own. Only the key’s fingerprint is kept here.',
     add: 'Enrol a robot',
     robot: 'Robot',
-    robotHint: 'Its id, or “simulator-” and a name for many simulated robots.',
+    robotHint:
+      'Its id, “simulator-” and a name for many simulated robots, or “learner-” and a name for a machine of federated learning.',
     badRobot: 'This cannot be an id: small letters, digits and dashes, 32 characters at most.',
     enrol: 'Make a key',
     enrolling: 'Making it…',

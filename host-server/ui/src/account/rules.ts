@@ -26,7 +26,7 @@ export function isUserName(name: string): boolean {
   return /^[a-z][a-z0-9._-]{0,31}$/.test(name)
 }
 
-/** Whose key it may be: a robot, or a simulator with many robots. */
+/** Whose key it may be: a robot, a simulator with many robots, or a learner. */
 export function isRobotId(id: string): boolean {
   return /^[a-z0-9-]{1,32}$/.test(id)
 }
