@@ -28,7 +28,12 @@ fn node(folder: &Path, broker: &str, name: &str, options: &[&str]) -> Process {
 fn named(folder: &Path, server: &Terracrawler, name: &str) -> Process {
     let broker = format!("mqtt://127.0.0.1:{}", server.mqtt());
     let profile = if name == "cellar" { "mild" } else { "none" };
-    node(folder, &broker, name, &["--name", name, "--randomisation", profile])
+    node(
+        folder,
+        &broker,
+        name,
+        &["--name", name, "--randomisation", profile],
+    )
 }
 
 /// Makes a training, and says where it is.
@@ -59,7 +64,9 @@ fn rounds(seen: &Value) -> u64 {
 }
 
 fn over(server: &Terracrawler, path: &str) -> Value {
-    wait(server, path, "it is over", |seen| seen["state"] == "completed")
+    wait(server, path, "it is over", |seen| {
+        seen["state"] == "completed"
+    })
 }
 
 /// A file of a training, as it is on the disk.
@@ -84,7 +91,9 @@ fn a_server_that_is_killed_costs_nodes_nothing_and_nodes_that_are_killed_come_ba
     // Undisturbed.
     let calm = made(&server, &json!({}));
     let seen = wait(&server, &calm, "nodes have answered", |seen| {
-        seen["training"]["nodes"]["last"].as_array().is_some_and(|last| last.len() == 3)
+        seen["training"]["nodes"]["last"]
+            .as_array()
+            .is_some_and(|last| last.len() == 3)
     });
     let told = &seen["training"]["nodes"];
     let names: Vec<&str> = told["last"]
@@ -119,7 +128,10 @@ fn a_server_that_is_killed_costs_nodes_nothing_and_nodes_that_are_killed_come_ba
     assert_eq!(steps, wanted, "no round is lost, and none is there twice");
 
     // A node is killed and does not come back for a while: the others go on after the deadline.
-    let fewer = made(&server, &json!({ "quorum": 2, "deadline_s": 1, "aggregation": "median" }));
+    let fewer = made(
+        &server,
+        &json!({ "quorum": 2, "deadline_s": 1, "aggregation": "median" }),
+    );
     wait(&server, &fewer, "it learns", |seen| rounds(seen) >= 2);
     nodes[1].kill();
     let two = |seen: &Value| {
@@ -133,7 +145,10 @@ fn a_server_that_is_killed_costs_nodes_nothing_and_nodes_that_are_killed_come_ba
         assert!(node.runs(), "{name} ended:\n{}", node.log());
     }
     let log = nodes[0].log();
-    assert!(log.contains(&format!("round {ROUNDS}: ")) && log.contains("is over"), "{log}");
+    assert!(
+        log.contains(&format!("round {ROUNDS}: ")) && log.contains("is over"),
+        "{log}"
+    );
     nodes[0].end("INT");
 }
 
@@ -149,15 +164,25 @@ fn a_node_logs_in_by_its_account_and_by_no_other() {
     assert!(enrolled.status.success(), "{enrolled:?}");
     let said = String::from_utf8_lossy(&enrolled.stdout).into_owned();
     let secret = said
-        .split_whitespace()
-        .find(|word| word.len() >= 40 && word.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_".contains(&byte)))
-        .unwrap_or_else(|| panic!("a secret: {said}"));
+        .strip_prefix("mqtt://learner-hall:")
+        .and_then(|rest| Some(rest.split_once('@')?.0))
+        .unwrap_or_else(|| panic!("an address with a secret: {said}"));
     let at = |user: &str, secret: &str| {
         let port = server.mqtt();
         format!("mqtt://{user}:{secret}@127.0.0.1:{port}")
     };
-    let mut own = node(folder.path(), &at("learner-hall", secret), "own", &["--log", "info"]);
-    let mut wrong = node(folder.path(), &at("learner-yard", secret), "wrong", &["--log", "info"]);
+    let mut own = node(
+        folder.path(),
+        &at("learner-hall", secret),
+        "own",
+        &["--log", "info"],
+    );
+    let mut wrong = node(
+        folder.path(),
+        &at("learner-yard", secret),
+        "wrong",
+        &["--log", "info"],
+    );
     wait_for_with("a stranger is refused", LIMIT, &mut String::new(), |seen| {
         *seen = wrong.log();
         seen.contains("no session for learning").then_some(())
@@ -165,7 +190,8 @@ fn a_node_logs_in_by_its_account_and_by_no_other() {
     assert!(wrong.runs(), "it tries again:\n{}", wrong.log());
     wait_for_with("a node is let in", LIMIT, &mut String::new(), |seen| {
         *seen = own.log();
-        seen.contains("the session for learning stands").then_some(())
+        seen.contains("the session for learning stands")
+            .then_some(())
     });
     assert!(own.runs());
 }

@@ -23,6 +23,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("crawler-micromodel", &[]),
     ("crawler-convert", &["crawler-micromodel"]),
     ("crawler-detector", &[]),
+    ("crawler-federated", &[]),
     ("crawler-policy", &[]),
     ("crawler-properties", &[]),
     ("crawler-drivers", &["crawler-hal"]),
@@ -73,6 +74,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "crawler-experiments",
         &[
             "crawler-detector",
+            "crawler-federated",
+            "crawler-federation",
             "crawler-learning",
             "crawler-metrics",
             "crawler-records",
@@ -81,9 +84,19 @@ const ALLOWED: &[(&str, &[&str])] = &[
         ],
     ),
     (
+        "crawler-federation",
+        &[
+            "crawler-access",
+            "crawler-federated",
+            "crawler-learning",
+            "crawler-protocol",
+        ],
+    ),
+    (
         "crawler-learning",
         &[
             "crawler-app",
+            "crawler-federated",
             "crawler-hal",
             "crawler-micromodel",
             "crawler-policy",
@@ -105,6 +118,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "crawler-commands",
             "crawler-counterfactuals",
             "crawler-experiments",
+            "crawler-federation",
             "crawler-fleet",
             "crawler-history",
             "crawler-learning",
@@ -310,6 +324,7 @@ const WITHOUT_GLOBALS: &[&str] = &[
     "hal-sim",
     "hal-sim/bundle",
     "hal-sim/protocol",
+    "models/federated",
     "models/micromodel",
     "models/policy",
 ];

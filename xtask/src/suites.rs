@@ -25,7 +25,7 @@ const TIMED: &str = "package(crawler-tests) | package(crawler-hil) | package(cra
     | package(crawler-accounts) | package(crawler-api) | package(crawler-broker) \
     | package(crawler-calibrations) | package(crawler-cluster) | package(crawler-commands) \
     | package(crawler-counterfactuals) | package(crawler-database) \
-    | package(crawler-experiments) | package(crawler-fleet) | package(crawler-history) \
+    | package(crawler-experiments) | package(crawler-federation) | package(crawler-fleet) | package(crawler-history) \
     | package(crawler-passwords) | package(crawler-records) | package(crawler-rollouts) \
     | package(crawler-server-tls) | package(crawler-simulations) | package(crawler-system) \
     | package(crawler-timeseries) \

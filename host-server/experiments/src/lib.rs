@@ -52,8 +52,8 @@ use results::Tally;
 pub use results::{Judged, MetricView, Results, Summary};
 use training::Trainer;
 pub use training::{
-    Asked as TrainingAsked, AskedNodes, CurvePoint, NodeView, NodesView, Outcome as TrainingOutcome,
-    Score as TrainingScore, TrainingFile, train,
+    Asked as TrainingAsked, AskedNodes, CurvePoint, NodeView, NodesView,
+    Outcome as TrainingOutcome, Score as TrainingScore, TrainingFile, train,
 };
 pub use worker::{BUILD, TRAINING_BUILD, Worker, machine, work};
 

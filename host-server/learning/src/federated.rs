@@ -15,9 +15,10 @@ use crawler_federated::Plan;
 use crawler_policy::ppo::Ppo;
 use crawler_policy::{Compute, ConfigError, Policy};
 
-pub use coordination::{Coordination, Together};
+pub use coordination::{Coordination, FederatedOptions};
 pub use node::{Answer, Node, NodeError};
 
+use crate::error::RunError;
 use crate::run::Options;
 use crate::spread::Spread;
 
@@ -57,7 +58,7 @@ fn idle(plan: &Plan) -> Result<Ppo<Spread>, ConfigError> {
 ///
 /// # Errors
 /// When no run can be made of the plan.
-pub fn initial(plan: &Plan) -> Result<Vec<f32>, NodeError> {
+pub fn initial(plan: &Plan) -> Result<Vec<f32>, RunError> {
     plan.validate()?;
     Ok(idle(plan)?.weights())
 }
@@ -66,7 +67,7 @@ pub fn initial(plan: &Plan) -> Result<Vec<f32>, NodeError> {
 ///
 /// # Errors
 /// When they are not those of the networks of the plan.
-pub fn policy(plan: &Plan, weights: &[f32]) -> Result<Policy, NodeError> {
+pub fn policy(plan: &Plan, weights: &[f32]) -> Result<Policy, RunError> {
     plan.validate()?;
     let mut ppo = idle(plan)?;
     ppo.adopt(weights, 0)?;

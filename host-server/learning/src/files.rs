@@ -11,8 +11,8 @@ use crawler_sim::scenario::Scenario;
 use serde_json::Value;
 
 use crate::curve::{COLUMNS, Line};
+use crate::error::RunError;
 use crate::judge::Summary;
-use crate::run::RunError;
 use crate::tensorboard::{Events, NAME as EVENTS};
 
 /// All that a run needs to go on.

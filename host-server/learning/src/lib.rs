@@ -7,12 +7,13 @@
 //!
 //! Reading order: `agent`, one robot; `outside`, what comes to robots from outside; `spread`, the environment with its task; `teammates`,
 //! the same for one learner; `export`, from what was learned to a blob for robots; `curve` and
-//! `tensorboard`, what is told of each round, and `files`, where; `judge`, what a policy came to; `run`, a training run;
+//! `tensorboard`, what is told of each round, and `files`, where; `judge`, what a policy came to; `error`, why a run ends; `run`, a training run;
 //! `federated`, one of many nodes; `train`, a run from a command line; `gym`, the environment for those who learn elsewhere.
 #![forbid(unsafe_code)]
 
 mod agent;
 mod curve;
+mod error;
 mod export;
 pub mod federated;
 mod files;
@@ -26,9 +27,10 @@ mod tensorboard;
 pub mod train;
 
 pub use curve::Line;
+pub use error::RunError;
 pub use export::{Header, Unfit, export};
 pub use judge::{JUDGED, Judged, Summary};
-pub use run::{Options, Run, RunError};
+pub use run::{Options, Run};
 pub use spread::{Driven, Spread};
 pub use teammates::Teammates;
 pub use tensorboard::NAME as EVENTS;

@@ -14,24 +14,19 @@
 //! But for the events, nothing in them tells the time of day or how fast the machine is: who runs the same options again, in one go or
 //! killed and begun again ten times, on one thread or many, has the same bytes.
 
-use std::error::Error;
-use std::fmt;
-use std::io;
 use std::num::NonZeroUsize;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-use crawler_federated::coordinator::SettingsError;
+use crawler_policy::Compute;
 use crawler_policy::ppo::{Config, Critic, Ppo};
-use crawler_policy::{CheckpointError, Compute, ConfigError, Diverged};
 use crawler_sim::scenario::Scenario;
 use serde_json::{Value, json};
 
 use crate::curve::Line;
-use crate::export::Unfit;
-use crate::federated::NodeError;
+use crate::error::RunError;
 use crate::files::Files;
 use crate::judge::{self, Summary};
 use crate::spread::Spread;
@@ -113,82 +108,6 @@ impl Default for Options {
             units: 64,
             privileged: true,
         }
-    }
-}
-
-/// Why a run ends without a result.
-#[derive(Debug)]
-pub enum RunError {
-    /// A file.
-    File(PathBuf, io::Error),
-    /// An option.
-    Config(ConfigError),
-    /// The checkpoint that is there.
-    Checkpoint(PathBuf, CheckpointError),
-    /// The loss.
-    Diverged(Diverged),
-    /// The policy is none for robots.
-    Unfit(Unfit),
-    /// The checkpoint of a run of many nodes that is there.
-    Rounds(PathBuf, crawler_federated::CheckpointError),
-    /// An option of a run of many nodes.
-    Settings(SettingsError),
-    /// A plan, or weights, that no node could learn by.
-    Node(NodeError),
-}
-
-impl fmt::Display for RunError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::File(path, error) => write!(f, "{}: {error}", path.display()),
-            Self::Config(error) => error.fmt(f),
-            Self::Checkpoint(path, error) => other_folder(f, path, error),
-            Self::Rounds(path, error) => other_folder(f, path, error),
-            Self::Diverged(error) => error.fmt(f),
-            Self::Unfit(error) => error.fmt(f),
-            Self::Settings(error) => error.fmt(f),
-            Self::Node(error) => error.fmt(f),
-        }
-    }
-}
-
-fn other_folder(f: &mut fmt::Formatter<'_>, path: &Path, error: &dyn Error) -> fmt::Result {
-    let path = path.display();
-    write!(
-        f,
-        "{path}: {error}; with other options a run needs a folder of its own"
-    )
-}
-
-impl Error for RunError {}
-
-impl From<ConfigError> for RunError {
-    fn from(error: ConfigError) -> Self {
-        Self::Config(error)
-    }
-}
-
-impl From<Diverged> for RunError {
-    fn from(error: Diverged) -> Self {
-        Self::Diverged(error)
-    }
-}
-
-impl From<SettingsError> for RunError {
-    fn from(error: SettingsError) -> Self {
-        Self::Settings(error)
-    }
-}
-
-impl From<NodeError> for RunError {
-    fn from(error: NodeError) -> Self {
-        Self::Node(error)
-    }
-}
-
-impl From<Unfit> for RunError {
-    fn from(error: Unfit) -> Self {
-        Self::Unfit(error)
     }
 }
 

@@ -9,7 +9,8 @@ use clap::{Args, ValueEnum};
 use crawler_sim::world::Profile;
 
 use crate::curve::Line;
-use crate::run::{Options, Run, RunError};
+use crate::error::RunError;
+use crate::run::{Options, Run};
 use crate::spread::Spread;
 
 /// Options of `train`.
@@ -70,12 +71,13 @@ pub fn run(args: &TrainArgs) -> ExitCode {
         Err(error) => {
             eprintln!("terracrawler: {error}");
             ExitCode::from(match error {
-                RunError::Diverged(_) | RunError::Unfit(_) | RunError::Node(_) => 1,
+                RunError::Diverged(_) | RunError::Unfit(_) | RunError::Weights(_) => 1,
                 RunError::File(..)
                 | RunError::Config(_)
                 | RunError::Checkpoint(..)
                 | RunError::Rounds(..)
-                | RunError::Settings(_) => 2,
+                | RunError::Settings(_)
+                | RunError::Plan(_) => 2,
             })
         }
     }

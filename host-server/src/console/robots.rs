@@ -118,11 +118,8 @@ fn advice(
     } else if name.starts_with("learner-") {
         write!(
             text,
-            "On the machine that learns, put the secret alone into a file that only its user can read, and \
-             start:\n  \
-             terracrawler learn-node --user {name} --password-file FILE\n\n  \
-             Broker  {broker}\n  \
-             Secret  {secret}\n"
+            "Start the node with that address, on the machine that learns:\n  \
+             TERRACRAWLER_BROKER='{url}' terracrawler learn-node\n"
         )
     } else {
         write!(

@@ -235,8 +235,11 @@ fn a_robot_is_enrolled_and_revoked() {
     let url = done(&learner);
     assert!(url.starts_with("mqtt://learner-desk:"), "{url}");
     let advice = String::from_utf8_lossy(&learner.stderr).into_owned();
-    let start = "terracrawler learn-node --user learner-desk --password-file FILE\n";
-    assert!(advice.contains(start), "{advice}");
+    let start = format!(
+        "TERRACRAWLER_BROKER='{}' terracrawler learn-node\n",
+        url.trim()
+    );
+    assert!(advice.contains(&start), "{advice}");
 
     // Only the digest is kept.
     let kept = std::fs::read(place.path().join("records.sqlite")).expect("records");

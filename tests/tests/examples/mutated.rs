@@ -142,7 +142,7 @@ fn a_list_that_is_wrong_is_noticed() {
     for (name, right, wrong) in [
         (
             "docs/architecture.md",
-            "`hal-sim`, `models/detector` |",
+            "`hal-sim`, `models/detector`, `models/federated` |",
             "`hal-sim` |",
         ),
         ("README.md", "| `hil` |", "| `loop` |"),

@@ -52,6 +52,25 @@ pub(crate) struct NewTraining {
     randomisation: Option<String>,
     /// Whether the critic sees what a robot observes, and no more; left out, it sees the whole world.
     own_critic: Option<bool>,
+    /// By how many nodes it is learned, each `terracrawler learn-node` with worlds of its own; left out, by the server. `worlds` is
+    /// on each of them then, 8 where left out.
+    #[schema(minimum = 1, maximum = 64)]
+    nodes: Option<u32>,
+    /// How many nodes have to answer a round; left out, more than half.
+    #[schema(minimum = 1, maximum = 64)]
+    quorum: Option<u32>,
+    /// How long the others are waited for, in seconds; left out, 60.
+    #[schema(minimum = 1, maximum = 3_600)]
+    deadline_s: Option<u32>,
+    /// How what nodes learned becomes one: `mean`, `success`, `median`, `trimmed-mean`, `multi-krum` or `norm-clip`; left out, `mean`.
+    #[schema(pattern = "^(mean|success|median|trimmed-mean|multi-krum|norm-clip)$")]
+    aggregation: Option<String>,
+    /// Part of the step before that is taken again; left out, 0.7.
+    #[schema(minimum = 0, maximum = 0.99)]
+    momentum: Option<f32>,
+    /// How strongly each node is pulled back to what all have, the proximal term of FedProx; left out, 0.
+    #[schema(minimum = 0, maximum = 10)]
+    proximal: Option<f32>,
     /// Whether it starts at once; left out, it does.
     start: Option<bool>,
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use crawler_federated::Aggregation;
 use crawler_federated::coordinator::MOST_NODES;
-use crawler_learning::federated::Together;
+use crawler_learning::federated::FederatedOptions;
 use crawler_learning::{Options, Spread};
 use crawler_records::MAX_SEEDS;
 use crawler_sim::scenario::{Scenario, ScenarioError};
@@ -81,7 +81,7 @@ pub(super) enum Means {
     /// By itself.
     Alone(Options),
     /// By nodes at the broker.
-    Together(Together),
+    Federated(FederatedOptions),
 }
 
 /// A training to be made.
@@ -102,7 +102,7 @@ pub(crate) fn read(fields: Map<String, Value>) -> Result<Wanted, Vec<FieldError>
     let name = form.name();
     let nodes = nodes(&mut form);
     let usual = if nodes.is_some() {
-        Together::default().options
+        FederatedOptions::default().options
     } else {
         Options::default()
     };
@@ -177,7 +177,7 @@ fn nodes(form: &mut Form) -> Option<AskedNodes> {
         }
         return None;
     };
-    let usual = Together::default();
+    let usual = FederatedOptions::default();
     let count = form
         .number("nodes", Some(count), 1, MOST_NODES as u64)
         .unwrap_or(1);
@@ -262,7 +262,7 @@ impl Asked {
             return Ok(Means::Alone(self.options()));
         };
         let unknown = |_| Untrainable::Aggregation(nodes.aggregation.clone());
-        Ok(Means::Together(Together {
+        Ok(Means::Federated(FederatedOptions {
             options: self.options(),
             nodes: nodes.count,
             quorum: nodes.quorum,
@@ -297,7 +297,7 @@ impl Asked {
 
     fn rounds(&self) -> u64 {
         match self.means() {
-            Ok(Means::Together(together)) => together.rounds(self.robots()),
+            Ok(Means::Federated(together)) => together.rounds(self.robots()),
             Ok(Means::Alone(_)) | Err(_) => self.options().rounds(self.robots()),
         }
     }
@@ -400,7 +400,7 @@ mod tests {
         assert_eq!((asked.count, asked.quorum, asked.deadline_s), (8, 5, 60));
         assert_eq!(wanted.asked.worlds, 8);
         assert_eq!(wanted.rounds, 163);
-        let Ok(Means::Together(together)) = wanted.asked.means() else {
+        let Ok(Means::Federated(together)) = wanted.asked.means() else {
             unreachable!("nodes");
         };
         assert_eq!(together.aggregation, Aggregation::Median);

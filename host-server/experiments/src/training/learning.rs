@@ -16,11 +16,11 @@ const LOOK: Duration = Duration::from_millis(200);
 /// What learns.
 pub(super) enum Learning {
     Alone(Box<Run>),
-    Together(Box<Together>),
+    Federated(Box<Federated>),
 }
 
 /// What nodes learn.
-pub(super) struct Together {
+pub(super) struct Federated {
     run: Coordination,
     nodes: Option<Nodes>,
     /// Times of the run are from here on.
@@ -48,10 +48,10 @@ impl Learning {
                 let run = Run::open(options, &work.folder, scenario, work.threads)?;
                 Self::Alone(Box::new(run))
             }
-            Means::Together(together) => {
+            Means::Federated(together) => {
                 let now = Duration::ZERO;
                 let run = Coordination::open(together, &work.folder, scenario, work.threads, now)?;
-                Self::Together(Box::new(Together {
+                Self::Federated(Box::new(Federated {
                     run,
                     nodes: work.broker.as_ref().map(|broker| broker.meet(work.id)),
                     begun: Instant::now(),
@@ -65,7 +65,7 @@ impl Learning {
     pub(super) fn curve(&self) -> &str {
         match self {
             Self::Alone(run) => run.curve(),
-            Self::Together(together) => together.run.curve(),
+            Self::Federated(together) => together.run.curve(),
         }
     }
 
@@ -73,7 +73,7 @@ impl Learning {
     pub(super) fn rounds(&self) -> u64 {
         match self {
             Self::Alone(run) => run.rounds().0,
-            Self::Together(together) => together.run.coordinator().rounds().into(),
+            Self::Federated(together) => together.run.coordinator().rounds().into(),
         }
     }
 
@@ -81,7 +81,7 @@ impl Learning {
     pub(super) fn step(&mut self) -> Result<Step, RunError> {
         match self {
             Self::Alone(run) => Ok(run.round()?.map_or(Step::Over, Step::Round)),
-            Self::Together(together) => together.step(),
+            Self::Federated(together) => together.step(),
         }
     }
 
@@ -89,7 +89,7 @@ impl Learning {
     pub(super) const fn is_kept(&self, line: &Line) -> bool {
         match self {
             Self::Alone(_) => line.is_kept(),
-            Self::Together(_) => true,
+            Self::Federated(_) => true,
         }
     }
 
@@ -98,7 +98,7 @@ impl Learning {
         match self {
             Self::Alone(run) => run.keep(),
             // Each round is, before nodes are told of the next one.
-            Self::Together(_) => Ok(()),
+            Self::Federated(_) => Ok(()),
         }
     }
 
@@ -106,7 +106,7 @@ impl Learning {
     pub(super) fn so_far(&self) -> Result<Vec<u8>, RunError> {
         match self {
             Self::Alone(run) => run.so_far(),
-            Self::Together(together) => together.run.so_far(),
+            Self::Federated(together) => together.run.so_far(),
         }
     }
 
@@ -114,7 +114,7 @@ impl Learning {
     pub(super) fn finish(&self) -> Result<Summary, RunError> {
         match self {
             Self::Alone(run) => run.finish(),
-            Self::Together(together) => together.run.finish(),
+            Self::Federated(together) => together.run.finish(),
         }
     }
 
@@ -122,13 +122,13 @@ impl Learning {
     pub(super) fn nodes(&self) -> Option<NodesView> {
         match self {
             Self::Alone(_) => None,
-            Self::Together(together) => Some(together.view()),
+            Self::Federated(together) => Some(together.view()),
         }
     }
 
     /// Has nodes do nothing until it goes on.
     pub(super) fn stand(self) {
-        if let Self::Together(together) = self
+        if let Self::Federated(together) = self
             && let Some(nodes) = together.nodes
         {
             nodes.withdraw();
@@ -137,7 +137,7 @@ impl Learning {
 
     /// Leaves with the broker what came of it, so that nodes know that it is over.
     pub(super) fn end(self) {
-        if let Self::Together(together) = self
+        if let Self::Federated(together) = self
             && let Some(nodes) = together.nodes
         {
             nodes.announce(together.run.coordinator().announcement());
@@ -146,7 +146,7 @@ impl Learning {
     }
 }
 
-impl Together {
+impl Federated {
     fn view(&self) -> NodesView {
         NodesView::of(self.run.coordinator(), self.run.last())
     }

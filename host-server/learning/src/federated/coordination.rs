@@ -13,9 +13,10 @@ use serde_json::{Value, json};
 
 use super::{initial, policy};
 use crate::curve::Line;
+use crate::error::RunError;
 use crate::files::Files;
 use crate::judge::{self, Summary};
-use crate::run::{Options, RunError};
+use crate::run::Options;
 
 /// Decisions of one robot in a round of a learner.
 const STEPS: u64 = 128;
@@ -24,7 +25,7 @@ const MINIBATCH: usize = 512;
 
 /// What nodes learn together by.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Together {
+pub struct FederatedOptions {
     /// As of a run of one; decisions are those of all nodes, worlds are those of each node.
     pub options: Options,
     /// Nodes that are expected.
@@ -41,7 +42,7 @@ pub struct Together {
     pub proximal: f32,
 }
 
-impl Default for Together {
+impl Default for FederatedOptions {
     fn default() -> Self {
         Self {
             options: Options {
@@ -58,7 +59,7 @@ impl Default for Together {
     }
 }
 
-impl Together {
+impl FederatedOptions {
     /// Rounds that a run in worlds with so many robots comes to.
     #[must_use]
     pub fn rounds(&self, robots: u32) -> u64 {
@@ -108,7 +109,7 @@ impl Together {
 
 /// A run of many nodes under way. Times are those since any moment that stays the same.
 pub struct Coordination {
-    together: Together,
+    options: FederatedOptions,
     coordinator: Coordinator,
     files: Files,
     scenario: Arc<Scenario>,
@@ -124,20 +125,20 @@ impl Coordination {
     /// # Errors
     /// See [`RunError`].
     pub fn open(
-        together: &Together,
+        options: &FederatedOptions,
         folder: &Path,
         scenario: Scenario,
         threads: NonZeroUsize,
         now: Duration,
     ) -> Result<Self, RunError> {
-        let settings = together.settings(scenario.robots);
+        let settings = options.settings(scenario.robots);
         let coordinator = match Files::checkpoint(folder)? {
             Some((path, bytes)) => Coordinator::resume(settings, &bytes, now)
                 .map_err(|error| RunError::Rounds(path, error))?,
             None => Coordinator::new(settings, initial(&settings.plan)?, now)?,
         };
         Ok(Self {
-            together: together.clone(),
+            options: options.clone(),
             files: Files::open(folder, coordinator.rounds().into())?,
             coordinator,
             scenario: Arc::new(scenario),
@@ -207,7 +208,7 @@ impl Coordination {
     /// # Errors
     /// See [`RunError`].
     pub fn finish(&self) -> Result<Summary, RunError> {
-        let (policy, options) = (self.policy()?, self.together.describe());
+        let (policy, options) = (self.policy()?, self.options.describe());
         let rounds = self.coordinator.rounds().into();
         self.files
             .finish(&policy, &self.scenario, &self.compute, &options, rounds)

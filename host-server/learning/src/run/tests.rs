@@ -1,6 +1,7 @@
 //! Runs that are killed, begun again, and moved to other threads.
 
 use std::fs;
+use std::path::PathBuf;
 
 use super::*;
 use crate::curve::COLUMNS;

@@ -10,8 +10,8 @@ use crate::spread::Spread;
 const SECOND: Duration = Duration::from_secs(1);
 const NAMES: [&str; 3] = ["attic", "barn", "cellar"];
 
-fn together() -> Together {
-    Together {
+fn together() -> FederatedOptions {
+    FederatedOptions {
         options: Options {
             seed: 3,
             // Three rounds of three nodes with two worlds each.
@@ -22,7 +22,7 @@ fn together() -> Together {
         },
         nodes: 3,
         quorum: 2,
-        ..Together::default()
+        ..FederatedOptions::default()
     }
 }
 
@@ -100,7 +100,7 @@ fn a_run_whose_coordinator_is_killed_comes_to_the_same_bytes() {
     let settings = together().settings(3);
     assert_ne!(weights[0], initial(&settings.plan).expect("a plan"));
     let scenario = Spread::scenario().expect("built in");
-    let other = Together {
+    let other = FederatedOptions {
         options: Options {
             seed: 4,
             ..together().options
@@ -155,10 +155,10 @@ fn a_node_answers_by_its_name_alone_and_the_same_again() {
 #[test]
 fn the_plan_fits_whatever_the_number_of_nodes() {
     for nodes in [1, 8, 64] {
-        let own = Together {
+        let own = FederatedOptions {
             nodes,
             quorum: 1,
-            ..Together::default()
+            ..FederatedOptions::default()
         };
         let settings = own.settings(3);
         settings.validate().expect("a run");
@@ -167,5 +167,5 @@ fn the_plan_fits_whatever_the_number_of_nodes() {
         let policy = policy(&settings.plan, run.weights()).expect("a policy");
         assert_eq!(policy.network().shape().outputs, 7);
     }
-    assert_eq!(Together::default().rounds(3), 163);
+    assert_eq!(FederatedOptions::default().rounds(3), 163);
 }
