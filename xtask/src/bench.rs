@@ -26,6 +26,7 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
         "updates" => bench_server::updates(rest),
         "twin" => twin(rest),
         "what-if" => what_if(rest),
+        "federated" => federated(rest),
         "alarms" => bench_server::alarms(rest),
         "all" => bench_sim::table(&[])
             .and_then(|()| fleet(&[]))
@@ -37,10 +38,11 @@ pub(crate) fn all(arguments: &[String]) -> Outcome {
             .and_then(|()| bench_server::updates(&[]))
             .and_then(|()| twin(&[]))
             .and_then(|()| what_if(&[]))
+            .and_then(|()| federated(&[]))
             .and_then(|()| bench_server::alarms(&[])),
         other => Err(Failure(format!(
             "there is no measurement '{other}': sim, fleet, vision, ui, server, chaos, disk, soak, \
-             updates, twin, what-if, alarms"
+             updates, twin, what-if, federated, alarms"
         ))),
     }
 }
@@ -71,6 +73,11 @@ fn twin(arguments: &[String]) -> Outcome {
 /// How often what happened lies where a counterfactual has it that changes nothing.
 fn what_if(arguments: &[String]) -> Outcome {
     example("crawler-counterfactuals", "null_test", arguments)
+}
+
+/// What nodes come to that learn together: by every rule, with drop-outs, and with hostile ones.
+fn federated(arguments: &[String]) -> Outcome {
+    example("crawler-learning", "federated", arguments)
 }
 
 /// Runs an example of a package, built for release.

@@ -1,6 +1,14 @@
 /** Words of trainings among the experiments; loaded with them. */
 
-import type { Board, Column, NumberField, Together, TrainingWrong } from './experiments/training'
+import type { TrainingByNodes } from './api-types'
+import type {
+  Aggregation,
+  Board,
+  Column,
+  NumberField,
+  Together,
+  TrainingWrong,
+} from './experiments/training'
 import { duration, signed } from './strings'
 
 const number = (value: number): string => value.toLocaleString('en')
@@ -12,6 +20,15 @@ export const randomisations: Readonly<Record<string, string>> = {
   wild: 'wild',
 }
 
+export const aggregations: Readonly<Record<Aggregation, string>> = {
+  mean: 'their mean',
+  success: 'their mean, weighted by success',
+  median: 'the median of each weight',
+  'trimmed-mean': 'their mean without the extremes of each weight',
+  'multi-krum': 'the mean of those that are closest to others (Multi-Krum)',
+  'norm-clip': 'their mean, none longer than the median',
+}
+
 export const form = {
   title: 'New training',
   lead: 'Robots learn a policy in worlds of the server: how to get apart without touching anything.',
@@ -20,18 +37,24 @@ export const form = {
     seed: 'Seed',
     worlds: 'Worlds side by side',
     units: 'Units of each layer',
+    nodes: 'Nodes',
   } satisfies Record<NumberField, string>,
   hints: {
     steps: 'Three million come to what robots have by default.',
     seed: 'The same seed and settings come to the same policy.',
     worlds: 'More of them learn more slowly and more surely.',
     units: 'Of both hidden layers of the network.',
+    nodes:
+      '0: the server learns. Else so many terracrawler learn-node do, each in that many worlds of its own.',
   } satisfies Record<NumberField, string>,
   name: 'Name',
   nameHint: (name: string) => `“${name}” when empty.`,
   usualName: (steps: string, seed: string) => `apart, ${steps} decisions, seed ${seed}`,
   randomisation: 'Randomisation',
   randomisationHint: 'How far robots differ from what they believe of themselves.',
+  aggregation: 'What nodes learned becomes one by',
+  aggregationHint:
+    'The first two believe every node; the others bear some that are broken or hostile.',
   ownCritic: 'The critic sees no more than a robot',
   more: 'More choices',
   run: 'Train',
@@ -65,6 +88,29 @@ export const facts = {
   own: 'what a robot sees',
   privileged: 'the whole world',
   randomisation: 'Randomisation',
+  nodes: 'Nodes',
+  federated: ({ count, quorum, deadline_s: seconds, aggregation }: TrainingByNodes) =>
+    `${String(count)}, of which ${String(quorum)} have to answer; the others within ${String(seconds)} s; by ${aggregations[aggregation as Aggregation]}`,
+}
+
+export const nodes = {
+  title: 'Nodes',
+  waits: (answered: readonly string[], expected: number) =>
+    answered.length === 0
+      ? `None of ${String(expected)} has answered this round yet.`
+      : `${answered.join(', ')}: ${String(answered.length)} of ${String(expected)} have answered this round.`,
+  how: 'A node is a machine with worlds of its own. Start it there, with the address of the broker:',
+  start: 'Start a node',
+  caption: 'What nodes said of the last round',
+  node: 'Node',
+  decisions: 'Decisions',
+  success: 'Success',
+  reward: 'Reward',
+  step: 'Step',
+  share: (share: number | null | undefined) => (share == null ? '–' : percent(share)),
+  rewardOf: (value: number | null | undefined) => (value == null ? '–' : signed(value, 1)),
+  counts: (taken: number, doubled: number, late: number, refused: number) =>
+    `Updates: ${number(taken)} taken, ${number(doubled)} came twice, ${number(late)} late, ${number(refused)} refused.`,
 }
 
 export const columns: Record<Column, string> = {

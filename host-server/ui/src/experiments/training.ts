@@ -6,15 +6,27 @@ import { downsample } from './downsample'
 import type { Curve } from './trials'
 
 /** Numbers of the form, in its order. */
-export const NUMBERS = ['steps', 'seed', 'worlds', 'units'] as const
+export const NUMBERS = ['steps', 'seed', 'worlds', 'units', 'nodes'] as const
 export type NumberField = (typeof NUMBERS)[number]
-export type TrainingField = NumberField | 'name' | 'randomisation'
+export type TrainingField = NumberField | 'name' | 'randomisation' | 'aggregation'
+
+/** How what nodes learned becomes one, the usual way first. */
+export const AGGREGATIONS = [
+  'mean',
+  'success',
+  'median',
+  'trimmed-mean',
+  'multi-krum',
+  'norm-clip',
+] as const
+export type Aggregation = (typeof AGGREGATIONS)[number]
 
 export const BOUNDS: Readonly<Record<NumberField, readonly [number, number]>> = {
   steps: [1, 1_000_000_000],
   seed: [0, Number.MAX_SAFE_INTEGER],
   worlds: [1, 256],
   units: [4, 64],
+  nodes: [0, 64],
 }
 const MOST_ROUNDS = 10_000
 /** Decisions of a world in a round: three robots, 128 each. */
@@ -31,6 +43,8 @@ export function usualTraining(): TrainingDraft {
     seed: '1',
     worlds: '64',
     units: '64',
+    nodes: '0',
+    aggregation: 'mean',
     randomisation: 'none',
     ownCritic: false,
   }
@@ -49,7 +63,9 @@ export function checkTraining(draft: TrainingDraft): Partial<Record<TrainingFiel
     const value = /^\d{1,16}$/.test(text) ? Number(text) : Number.NaN
     if (!(value >= least && value <= most)) wrongs[field] = { why: 'whole', least, most }
   }
-  const rounds = Math.ceil(Number(draft.steps) / (ROUND * Number(draft.worlds)))
+  // Worlds are those of each node, where nodes learn.
+  const worlds = Number(draft.worlds) * Math.max(Number(draft.nodes), 1)
+  const rounds = Math.ceil(Number(draft.steps) / (ROUND * worlds))
   if (wrongs.steps === undefined && wrongs.worlds === undefined && rounds > MOST_ROUNDS) {
     wrongs.steps = { why: 'rounds', most: MOST_ROUNDS }
   }
@@ -68,13 +84,16 @@ export function trainingOf(draft: TrainingDraft, name: string): NewTraining {
     units: Number(draft.units),
     randomisation: draft.randomisation,
     own_critic: draft.ownCritic,
+    ...(Number(draft.nodes) > 0
+      ? { nodes: Number(draft.nodes), aggregation: draft.aggregation }
+      : {}),
   }
 }
 
 /** The field that the pointer `/steps` is about; `null` for one not in the form. */
 export function trainingFieldOf(pointer: string): TrainingField | null {
   const name = /^\/([^/]+)/.exec(pointer)?.[1]
-  const all: readonly TrainingField[] = ['name', ...NUMBERS, 'randomisation']
+  const all: readonly TrainingField[] = ['name', ...NUMBERS, 'randomisation', 'aggregation']
   return all.find((field) => field === name) ?? null
 }
 
@@ -85,7 +104,8 @@ export function repeatTraining({
   randomisation,
   training,
 }: Experiment): NewTraining {
-  const { steps, worlds, units, own_critic } = training ?? {}
+  const { steps, worlds, units, own_critic, federated } = training ?? {}
+  const { count, ...nodes } = federated ?? {}
   return {
     kind: 'training',
     name,
@@ -95,6 +115,7 @@ export function repeatTraining({
     worlds: worlds ?? null,
     units: units ?? null,
     own_critic: own_critic ?? null,
+    ...(count === undefined ? {} : { nodes: count, ...nodes }),
   }
 }
 
@@ -113,6 +134,9 @@ export function factsOf(one: Experiment): (readonly [string, string])[] {
     [say.units, number(training.units)],
     [say.critic, training.own_critic ? say.own : say.privileged],
     [say.randomisation, randomisations[randomisation ?? ''] ?? randomisation ?? ''],
+    ...(training.federated == null
+      ? []
+      : [[say.nodes, say.federated(training.federated)] as const]),
   ]
 }
 

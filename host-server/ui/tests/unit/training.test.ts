@@ -145,6 +145,43 @@ describe('the form of a training', () => {
   })
 })
 
+describe('a training that nodes learn', () => {
+  const federated = {
+    count: 8,
+    quorum: 5,
+    deadline_s: 60,
+    aggregation: 'median',
+    momentum: 0.7,
+    proximal: 0,
+  }
+  const own = training(0.9)
+  const one: Experiment = {
+    ...own,
+    training: own.training == null ? null : { ...own.training, federated },
+  }
+
+  it('is asked for by their number', () => {
+    const asked = { ...usualTraining(), nodes: '8', worlds: '8', aggregation: 'median' }
+    expect(checkTraining(asked)).toEqual({})
+    expect(trainingOf(asked, 'first')).toMatchObject({ nodes: 8, worlds: 8, aggregation: 'median' })
+    expect(Object.keys(checkTraining({ ...asked, nodes: '65' }))).toEqual(['nodes'])
+    expect(trainingFieldOf('/nodes')).toBe('nodes')
+    // Eight nodes come to an eighth of the rounds.
+    const many = { ...asked, worlds: '1', steps: '3840001' }
+    expect(checkTraining(many)).toEqual({})
+    expect(Object.keys(checkTraining({ ...many, nodes: '0' }))).toEqual(['steps'])
+  })
+
+  it('is done again by as many, and says how', () => {
+    const { count, ...rest } = federated
+    expect(repeat(one)).toMatchObject({ nodes: count, ...rest })
+    expect(new Map(factsOf(one)).get('Nodes')).toBe(
+      '8, of which 5 have to answer; the others within 60 s; by the median of each weight',
+    )
+    expect(new Map(factsOf(own)).has('Nodes')).toBe(false)
+  })
+})
+
 describe('rounds', () => {
   it('are taken in once each, and drawn over the decisions', () => {
     const rounds = new Rounds()
