@@ -72,7 +72,7 @@ fn update(data: &[u8]) {
         read.base = Announcement::base(&run.announcement());
         run.receive("node", &read.to_bytes());
     }
-    run.close(Duration::from_secs(60));
+    run.close(Duration::from_mins(1));
     assert!(run.weights().iter().all(|weight| weight.is_finite()));
 }
 

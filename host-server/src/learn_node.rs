@@ -138,8 +138,8 @@ fn worlds(args: &LearnNodeArgs) -> Result<Scenario, CliError> {
 }
 
 /// A line for what happens.
-fn tell(told: Told<'_>) {
-    match told {
+fn tell(told: &Told<'_>) {
+    match *told {
         Told::Answered {
             run,
             round,

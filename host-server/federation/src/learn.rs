@@ -62,7 +62,7 @@ pub async fn learn(
     fleet: Fleet,
     name: NodeName,
     make: impl Fn() -> Node + Send,
-    mut tell: impl FnMut(Told<'_>) + Send,
+    mut tell: impl FnMut(&Told<'_>) + Send,
     stop: CancellationToken,
 ) -> Result<(), tokio::task::JoinError> {
     // Nobody is to listen where nobody learns any more.
@@ -97,7 +97,7 @@ pub async fn learn(
                 Some((of, node)) if of == run => node,
                 _ => make(),
             };
-            tell(Told::Learns { run });
+            tell(&Told::Learns { run });
             let begun = Instant::now();
             let learned = tokio::task::spawn_blocking(move || {
                 let answer = node.answer(&announced);
@@ -108,7 +108,7 @@ pub async fn learn(
             match answer {
                 Ok(Answer::Update(bytes)) => {
                     if let Ok(update) = Update::from_bytes(&bytes) {
-                        tell(Told::Answered {
+                        tell(&Told::Answered {
                             run,
                             round: update.round,
                             report: update.report,
@@ -123,11 +123,11 @@ pub async fn learn(
                     }));
                 }
                 Ok(Answer::Over(_)) => {
-                    tell(Told::Over { run });
+                    tell(&Told::Over { run });
                     // It is not to be said again.
                     say.send_replace(None);
                 }
-                Err(error) => tell(Told::Refused { run, error: &error }),
+                Err(error) => tell(&Told::Refused { run, error: &error }),
             }
         }
     };

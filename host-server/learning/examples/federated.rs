@@ -31,7 +31,7 @@ const DECISIONS: u64 = 384;
 const ROUNDS: u16 = 1;
 /// Samples in a step of the optimiser on a node: an eighth of what one learner has, so that all take as many steps.
 const MINIBATCH: u16 = 64;
-const DEADLINE: Duration = Duration::from_secs(60);
+const DEADLINE: Duration = Duration::from_mins(1);
 
 /// Who is wrong on purpose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -131,7 +131,7 @@ fn poison(attack: Attack, own: Update, honest: &[Update], rng: &mut Pcg32) -> Ve
     told.report.success = 1.0;
     let values: Vec<f32> = told.change.values().collect();
     let change: Vec<f32> = match attack {
-        Attack::None => values,
+        Attack::None | Attack::NotANumber => values,
         Attack::Flip => values.iter().map(|number| number * -10.0).collect(),
         Attack::Noise => {
             let squares: f32 = values.iter().map(|number| number * number).sum();
@@ -141,7 +141,6 @@ fn poison(attack: Attack, own: Update, honest: &[Update], rng: &mut Pcg32) -> Ve
                 .map(|_| far * (rng.next_u32() as f32 / 2_147_483_648.0 - 1.0))
                 .collect()
         }
-        Attack::NotANumber => values,
         Attack::Little => {
             let others: Vec<Vec<f32>> = honest
                 .iter()

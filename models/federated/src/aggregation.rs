@@ -2,7 +2,7 @@
 //!
 //! | rule | |
 //! |---|---|
-//! | [`Mean`](Aggregation::Mean) | the mean, uniform over nodes (McMahan and others 2017, where all nodes have as many samples) |
+//! | [`Mean`](Aggregation::Mean) | the mean, uniform over nodes (`McMahan` and others 2017, where all nodes have as many samples) |
 //! | [`Success`](Aggregation::Success) | weighted by the share of episodes that reached their goal |
 //! | [`Median`](Aggregation::Median) | the median of each weight (Yin and others 2018) |
 //! | [`TrimmedMean`](Aggregation::TrimmedMean) | the mean of each weight without the largest and smallest (Yin and others 2018) |

@@ -1,7 +1,7 @@
 //! Learning together: nodes train one policy in worlds of their own, and tell nothing but what it became there.
 //!
-//! A run goes on round by round. The coordinator [announces](message::Announcement) weights; each node trains them for a while, and
-//! answers with its [`Update`](message::Update), which is the difference to what it became, in 8 bits a weight. Once enough nodes
+//! A run goes on round by round. The coordinator [announces](Announcement) weights; each node trains them for a while, and
+//! answers with its [`Update`], which is the difference to what it became, in 8 bits a weight. Once enough nodes
 //! have answered, the updates [become one](aggregation), and the next round begins (`McMahan` and others 2017, federated averaging).
 //!
 //! Nothing here knows what the weights are for, opens a connection or reads a clock: times are handed in, and messages are bytes.

@@ -68,7 +68,7 @@ pub(crate) struct NewTraining {
     /// Part of the step before that is taken again; left out, 0.7.
     #[schema(minimum = 0, maximum = 0.99)]
     momentum: Option<f32>,
-    /// How strongly each node is pulled back to what all have, the proximal term of FedProx; left out, 0.
+    /// How strongly each node is pulled back to what all have, the proximal term μ of federated optimisation (Li and others 2020); left out, 0.
     #[schema(minimum = 0, maximum = 10)]
     proximal: Option<f32>,
     /// Whether it starts at once; left out, it does.

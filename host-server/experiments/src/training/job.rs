@@ -98,12 +98,12 @@ impl Job {
     ///
     /// # Errors
     /// See [`RunError`].
-    pub(super) fn learn(&self, work: Work) -> Result<Option<Score>, RunError> {
+    pub(super) fn learn(&self, work: &Work) -> Result<Option<Score>, RunError> {
         if let Err(error) = give_way() {
             tracing::warn!(%error, "a training does not give way to other threads");
         }
-        prepare(&work)?;
-        let mut run = Learning::open(&work)?;
+        prepare(work)?;
+        let mut run = Learning::open(work)?;
         self.progress().points = CurvePoint::all(run.curve());
         self.kept.store(run.rounds(), Ordering::Relaxed);
         let mut began = Instant::now();

@@ -293,7 +293,7 @@ fn start(experiments: &Experiments, training: Experiment) -> Result<Current, Tra
     let thread = std::thread::Builder::new().name("training".to_owned());
     let learn = move || {
         // Nobody listens any more when the server ends.
-        let _ = tell.send(own.learn(work));
+        let _ = tell.send(own.learn(&work));
     };
     thread.spawn(learn).map_err(TrainingError::Thread)?;
     Ok(Current {
