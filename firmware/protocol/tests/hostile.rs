@@ -58,8 +58,8 @@ fn every_target_has_a_fuzzer() {
         })
         .collect();
     // Those of other crates are held to their own lists: by `crawler-access`, `crawler-board`,
-    // `crawler-bundle`, `crawler-delta`, `crawler-micromodel`, `crawler-policy`, `crawler-release`,
-    // `crawler-sim-protocol`, `crawler-tls` and `crawler-twin`.
+    // `crawler-bundle`, `crawler-delta`, `crawler-federated`, `crawler-micromodel`, `crawler-policy`,
+    // `crawler-release`, `crawler-sim-protocol`, `crawler-tls` and `crawler-twin`.
     let others = [
         "bundle",
         "model",
@@ -71,6 +71,7 @@ fn every_target_has_a_fuzzer() {
     let families = [
         "boot_",
         "delta_",
+        "federated_",
         "policy",
         "provision_",
         "release_",
