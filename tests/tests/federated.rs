@@ -144,12 +144,22 @@ fn a_server_that_is_killed_costs_nodes_nothing_and_nodes_that_are_killed_come_ba
     for (node, name) in nodes.iter_mut().zip(NODES) {
         assert!(node.runs(), "{name} ended:\n{}", node.log());
     }
+
+    // Nodes that come when other runs are over, of which the broker still knows, hear the one that goes on.
+    for node in &mut nodes {
+        node.end("INT");
+    }
+    let last = made(&server, &json!({ "deadline_s": 3_600 }));
+    wait(&server, &last, "it is announced", |seen| {
+        seen["training"]["nodes"]["expected"] == 3
+    });
+    let nodes = NODES.map(|name| named(folder.path(), &server, name));
+    over(&server, &last);
     let log = nodes[0].log();
     assert!(
         log.contains(&format!("round {ROUNDS}: ")) && log.contains("is over"),
         "{log}"
     );
-    nodes[0].end("INT");
 }
 
 #[test]

@@ -1,8 +1,9 @@
 //! A node at the broker: it answers the rounds of whatever run is announced.
 
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use crawler_federated::{Report, Update};
+use crawler_federated::{Announcement, Report, Update};
 use crawler_learning::federated::{Answer, Node, NodeError};
 use crawler_protocol::Fleet;
 use rumqttc::v5::MqttOptions;
@@ -17,11 +18,6 @@ use crate::topics;
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum Told<'a> {
-    /// A round begins.
-    Learns {
-        /// Of which run.
-        run: u64,
-    },
     /// A round was learned from, and is answered.
     Answered {
         /// Of which run.
@@ -49,8 +45,11 @@ pub enum Told<'a> {
     },
 }
 
-/// What is announced of a run; empty where it stands.
-type Heard = Option<(u64, Vec<u8>)>;
+/// Runs of which announcements wait at most; there is one at a time for each server.
+const RUNS: usize = 16;
+
+/// What was announced last of each run, and is not looked at yet.
+type Heard = BTreeMap<u64, Vec<u8>>;
 
 /// Learns until `stop`: in worlds of its own, as `make` gives them anew for each run. A round that is being learned from when `stop` comes is
 /// learned to its end, and not answered.
@@ -68,11 +67,18 @@ pub async fn learn(
     // Nobody is to listen where nobody learns any more.
     let stop = stop.child_token();
     let (say, said) = watch::channel(None);
-    let (hear, mut heard) = watch::channel::<Heard>(None);
+    let (hear, mut heard) = watch::channel(Heard::new());
+    let taken = hear.clone();
     let own = fleet.clone();
     let hear = move |topic: &str, payload: &[u8]| {
         if let Some(run) = topics::run_of(&own, topic) {
-            hear.send_replace(Some((run, payload.to_vec())));
+            hear.send_modify(|heard| {
+                heard.insert(run, payload.to_vec());
+                // Newer runs have higher numbers.
+                if heard.len() > RUNS {
+                    heard.pop_first();
+                }
+            });
         }
     };
     let filter = topics::all_rounds(&fleet);
@@ -80,24 +86,39 @@ pub async fn learn(
     let learning = async {
         let mut current: Option<(u64, Node)> = None;
         loop {
-            let changed = tokio::select! {
+            let some = tokio::select! {
                 () = stop.cancelled() => return Ok(()),
-                changed = heard.changed() => changed,
+                some = heard.wait_for(|heard| !heard.is_empty()) => some.is_ok(),
             };
-            if changed.is_err() {
+            if !some {
                 return Ok(());
             }
-            let Some((run, announced)) = heard.borrow_and_update().clone() else {
+            // What came of runs that are over is retained for a while; the newest is the one that may go on.
+            let mut newest = None;
+            taken.send_if_modified(|heard| {
+                newest = heard.pop_last();
+                false
+            });
+            let Some((run, announced)) = newest else {
                 continue;
             };
+            // Taken back: the run stands.
             if announced.is_empty() {
+                continue;
+            }
+            let is_over = Announcement::from_bytes(&announced).is_ok_and(|told| told.is_over());
+            if is_over {
+                if current.take_if(|(of, _)| *of == run).is_some() {
+                    tell(&Told::Over { run });
+                    // It is not to be said again.
+                    say.send_replace(None);
+                }
                 continue;
             }
             let mut node = match current.take() {
                 Some((of, node)) if of == run => node,
                 _ => make(),
             };
-            tell(&Told::Learns { run });
             let begun = Instant::now();
             let learned = tokio::task::spawn_blocking(move || {
                 let answer = node.answer(&announced);
@@ -120,13 +141,11 @@ pub async fn learn(
                         topic: topics::update(&fleet, run, &name),
                         payload: bytes,
                         retain: false,
+                        expires_s: None,
                     }));
                 }
-                Ok(Answer::Over(_)) => {
-                    tell(&Told::Over { run });
-                    // It is not to be said again.
-                    say.send_replace(None);
-                }
+                // Looked at before.
+                Ok(Answer::Over(_)) => {}
                 Err(error) => tell(&Told::Refused { run, error: &error }),
             }
         }

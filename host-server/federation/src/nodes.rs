@@ -15,6 +15,8 @@ use crate::topics;
 /// Updates that wait to be taken: one of each node that there can be, and as many again. What is more is dropped, and said again when the
 /// round is announced once more.
 const WAITING: usize = 128;
+/// For so long the broker has what came of a run, for nodes that are away: as long as a deadline may be.
+const OVER_S: u32 = 3_600;
 /// For the session to end.
 const PATIENCE: Duration = Duration::from_secs(2);
 
@@ -29,7 +31,8 @@ pub struct Broker {
     pub runtime: Handle,
 }
 
-/// The nodes of a run, for a thread that waits for them. Dropped, the session ends soon, and what was announced stays with the broker.
+/// The nodes of a run, for a thread that waits for them. Dropped, the session ends soon, and what was
+/// announced stays with the broker.
 #[derive(Debug)]
 pub struct Nodes {
     topic: String,
@@ -80,14 +83,15 @@ fn take(hear: &SyncSender<(String, Vec<u8>)>, node: &str, payload: &[u8]) {
 impl Nodes {
     /// Tells all nodes of a round, those too that come later, until there is another one.
     pub fn announce(&self, announcement: Vec<u8>) {
-        self.say(announcement);
+        self.say(announcement, None);
     }
 
-    fn say(&self, payload: Vec<u8>) {
+    fn say(&self, payload: Vec<u8>, expires_s: Option<u32>) {
         self.say.send_replace(Some(Saying {
             topic: self.topic.clone(),
             payload,
             retain: true,
+            expires_s,
         }));
     }
 
@@ -110,13 +114,18 @@ impl Nodes {
     pub fn withdraw(self) {
         if self.say.borrow().is_some() {
             // A retained message without a payload clears it (MQTT 5, 3.3.1.3).
-            self.say(Vec::new());
+            self.say(Vec::new(), None);
         }
         self.end();
     }
 
-    /// Ends, and leaves what was announced last: what came of a run. Blocks the thread as [`withdraw`](Self::withdraw) does.
-    pub fn end(self) {
+    /// Tells nodes what came of the run, those too that come within an hour, and ends. Blocks the thread as [`withdraw`](Self::withdraw) does.
+    pub fn end_with(self, announcement: Vec<u8>) {
+        self.say(announcement, Some(OVER_S));
+        self.end();
+    }
+
+    fn end(self) {
         self.stop.cancel();
         let _ = self.ended.recv_timeout(PATIENCE);
     }

@@ -4,7 +4,7 @@ use std::fmt;
 use std::time::Duration;
 
 use rumqttc::v5::mqttbytes::QoS;
-use rumqttc::v5::mqttbytes::v5::{Filter, Packet, SubscribeReasonCode};
+use rumqttc::v5::mqttbytes::v5::{Filter, Packet, PublishProperties, SubscribeReasonCode};
 use rumqttc::v5::{AsyncClient, ClientError, ConnectionError, Event, EventLoop, MqttOptions};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
@@ -31,6 +31,8 @@ pub(crate) struct Saying {
     pub(crate) topic: String,
     pub(crate) payload: Vec<u8>,
     pub(crate) retain: bool,
+    /// After so many seconds the broker need not have it any more.
+    pub(crate) expires_s: Option<u32>,
 }
 
 /// Why there is no session with the broker.
@@ -178,11 +180,16 @@ async fn say(client: &AsyncClient, said: &mut watch::Receiver<Option<Saying>>) {
         topic,
         payload,
         retain,
+        expires_s,
     }) = saying
     {
+        let properties = PublishProperties {
+            message_expiry_interval: expires_s,
+            ..PublishProperties::default()
+        };
         // A session that is over has nobody to say it to; the next one says it.
         let _ = client
-            .publish(topic, QoS::AtLeastOnce, retain, payload)
+            .publish_with_properties(topic, QoS::AtLeastOnce, retain, payload, properties)
             .await;
     }
 }

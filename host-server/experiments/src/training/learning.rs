@@ -140,8 +140,7 @@ impl Learning {
         if let Self::Federated(together) = self
             && let Some(nodes) = together.nodes
         {
-            nodes.announce(together.run.coordinator().announcement());
-            nodes.end();
+            nodes.end_with(together.run.coordinator().announcement());
         }
     }
 }
